@@ -102,7 +102,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     type Facts = SurfaceFacts;
     type Output = PreparedSurface;
 
@@ -216,7 +216,7 @@ impl Smoothed {
         } else {
             let clean = |normals, turning: Vec<f64>| Ok(Self { normals, radius: None, turning });
             let sample = roughness::sampled_turning(graph, shares, context.run)?;
-            if stage.is_clean(sample) {
+            if let Some(sample) = sample.filter(|&sample| stage.is_clean(sample)) {
                 return clean(normals, sample.to_vec());
             }
             stage.smooth(likely_radii(sample), &mut normals, shares, context)?;
@@ -235,8 +235,8 @@ impl Smoothed {
 }
 
 /// Indices into [`RADII`] of the normals that a mesh without cells asks for, by its sampled turning.
-fn likely_radii(sample: [f64; 2]) -> &'static [usize] {
-    if roughness::is_likely_rough(sample) { &[0, 1] } else { &[1] }
+fn likely_radii(sample: Option<[f64; 2]>) -> &'static [usize] {
+    if sample.is_some_and(roughness::is_likely_rough) { &[0, 1] } else { &[1] }
 }
 
 impl SurfaceStage<'_> {
@@ -246,7 +246,8 @@ impl SurfaceStage<'_> {
     /// [`Error::Cancelled`].
     pub(super) fn likely_normals(&self, shares: &AreaShares, context: Context<'_>) -> Result<Vec<(f32, &'static str)>> {
         let sample = roughness::sampled_turning(self.graph, shares, context.run)?;
-        let radii = if self.is_clean(sample) { &[] } else { likely_radii(sample) };
+        let is_clean = sample.is_some_and(|sample| self.is_clean(sample));
+        let radii = if is_clean { &[] } else { likely_radii(sample) };
         Ok(radii.iter().map(|&k| (RADII[k], NORMALS[k])).collect())
     }
 
@@ -308,7 +309,7 @@ mod tests {
                 let shares = AreaShares::of(&graph, context).unwrap();
                 let stage = SurfaceStage { graph: &graph, kind: Kind::Faces, cells };
                 let Smoothed { radius, turning, .. } = Smoothed::of(&stage, &shares, context).unwrap();
-                let sample = roughness::sampled_turning(&graph, &shares, &run).unwrap();
+                let sample = roughness::sampled_turning(&graph, &shares, &run).unwrap().unwrap();
                 // Walks have no seams between cells, where turning smoothed over cells has a part of it.
                 let [own, coarse] = [sample[0] / turning[0], sample[1] / turning[turning.len() - 1]];
                 assert!((0.8..1.2).contains(&own) && (0.5..1.1).contains(&coarse), "{sample:?} {turning:?}");

@@ -4,7 +4,7 @@ use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::cluster::area_shares::AreaShares;
 use nystrom_stream::cluster::roughness::{is_clearly_clean, is_likely_rough, sampled_turning};
 use nystrom_stream::graph::DualGraph;
-use nystrom_stream::mesh;
+use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::store::{Context, Run, WorkDir};
 use serde_json::Value;
 
@@ -18,7 +18,7 @@ fn sample(options: Options, threads: usize) -> [f64; 2] {
     let context = Context::new(&work, &run);
     let mesh = mesh::open(&path, work.path(), &run).unwrap();
     let graph = DualGraph::build(&mesh, &path, &Value::Null, context).unwrap();
-    sampled_turning(&graph, &AreaShares::of(&graph, context).unwrap(), &run).unwrap()
+    sampled_turning(&graph, &AreaShares::of(&graph, context).unwrap(), &run).unwrap().unwrap()
 }
 
 #[test]
@@ -33,4 +33,27 @@ fn patches_tell_clean_from_rough_in_any_order_of_faces() {
     assert!(is_likely_rough(rough) && !is_clearly_clean(rough), "{rough:?}");
     // What is smoothed has none of the noise.
     assert!(rough[0] > 5. * clean[0] && rough[1] < 2. * clean[1], "{clean:?} {rough:?}");
+}
+
+/// Sampled turning of a square of 200 × 200 vertices, 190 × 190 of which lie in a corner of .005; `bumps` high.
+fn crowded(bumps: f64) -> Option<[f64; 2]> {
+    const SIDE: u32 = 200;
+    let at = |i: u32| if i < 190 { 0.005 / 190. * f64::from(i) } else { 0.005 + 0.0995 * f64::from(i - 189) };
+    let point = |k: u32| [at(k / SIDE), at(k % SIDE), bumps * f64::from(k * k % 7)];
+    let quad = |k: u32| [[k, k + SIDE, k + SIDE + 1], [k, k + SIDE + 1, k + 1]];
+    let corners = (0..SIDE * (SIDE - 1)).filter(|k| k % SIDE < SIDE - 1);
+    let mesh = Mesh::from_vecs((0..SIDE * SIDE).map(point).collect(), corners.flat_map(quad).collect()).unwrap();
+    let (folder, run) = (tempfile::tempdir().unwrap(), Run::new(&()));
+    let work = WorkDir::temporary(folder.path()).unwrap();
+    let context = Context::new(&work, &run);
+    let graph = DualGraph::build(&mesh, "a square".as_ref(), &Value::Null, context).unwrap();
+    sampled_turning(&graph, &AreaShares::of(&graph, context).unwrap(), &run).unwrap()
+}
+
+/// Regression: each of 48 discs gathered nearly all faces, which took 48 times as long and a list of them per thread.
+#[test]
+fn a_mesh_with_nearly_all_faces_in_one_place_is_not_judged_by_patches() {
+    assert_eq!(crowded(1e-5), None);
+    // What does not turn is clean however many faces there are.
+    assert!(crowded(0.).is_some_and(is_clearly_clean));
 }
