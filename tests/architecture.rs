@@ -144,6 +144,18 @@ fn unsafe_code_lives_in_one_file() {
     }
 }
 
+/// Of the system's mathematical library, the last bits depend on the processor.
+#[test]
+fn parts_are_decided_without_the_systems_mathematical_library() {
+    for (name, _, code) in files() {
+        let (code, _) = code.split_once("mod tests {").unwrap_or((&code, ""));
+        for call in [".exp()", ".ln()", ".powf("] {
+            let is_free = !name.starts_with("cluster/") && name != "base/random.rs";
+            assert!(is_free || !code.contains(call), "src/{name} calls {call}: take libm's or spectral::exp's");
+        }
+    }
+}
+
 #[test]
 fn files_are_short_and_say_what_they_are() {
     for (name, text, _) in files() {

@@ -3,6 +3,7 @@
 //! Everything random in the library draws from [`stream`], named by purpose: adding a draw in
 //! one place never shifts those of another.
 
+use libm::log as ln;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use xxhash_rust::xxh3::xxh3_64_with_seed;
@@ -35,8 +36,11 @@ pub fn raced(key: u64, items: impl Iterator<Item = (u64, f64)>) -> usize {
     for (item, (name, weight)) in items.enumerate() {
         let u = ((mixed(name ^ key) >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
         // −ln u is no less than 1 − u, which spares most logarithms.
-        if 1. - u < least * weight && -u.ln() < least * weight {
-            (least, winner) = (-u.ln() / weight, item);
+        if 1. - u < least * weight {
+            let end = -ln(u);
+            if end < least * weight {
+                (least, winner) = (end / weight, item);
+            }
         }
     }
     winner

@@ -21,6 +21,7 @@ use crate::graph::NodeView;
 use crate::spectral::Embedding;
 use crate::spectral::measures::Gamma;
 use crate::store::Run;
+use libm::log as ln;
 use serde::{Deserialize, Serialize};
 
 const POINTS_PER_CHUNK: usize = 4096;
@@ -210,7 +211,7 @@ fn seed_centres(points: WeightedPoints<'_>, dimensions: usize, k: usize, purpose
             sum
         };
         let sums: Vec<f64> = points.weights.iter().zip(&near).map(mass).collect();
-        let candidates = if centres.is_empty() { 1 } else { 2 + (k as f64).ln() as usize };
+        let candidates = if centres.is_empty() { 1 } else { 2 + ln(k as f64) as usize };
         let mut best: Option<(f64, usize)> = None;
         for _ in 0..candidates {
             let j = weighted(&sums, &mut draw);

@@ -15,6 +15,7 @@
 use crate::base::moments::{principal_axes, products};
 use crate::base::sort::sort_by;
 use crate::base::vector::{add_scaled, distance, dot, middle, minus};
+use crate::spectral::exp::exp64;
 
 /// How often a plane is moved at the most.
 const MOVES: usize = 8;
@@ -197,7 +198,7 @@ fn moved(plane: Plane, nearest: &NearestPoint<'_>) -> Option<Plane> {
     let PointSet { points, shares, radius } = nearest.set;
     let pair = |(point, share): (&SurfacePoint, &f64)| {
         let (twin, d) = nearest.find(plane.image(*point))?;
-        let weight = share * (-(d / (REACH * radius)).powi(2)).exp();
+        let weight = share * exp64(-(d / (REACH * radius)).powi(2));
         let (a, b) = (point.position, points[twin as usize].position);
         Some((weight, minus(b, a), middle(a, b)))
     };

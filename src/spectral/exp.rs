@@ -50,6 +50,12 @@ pub fn exp64(x: f64) -> f64 {
     if x < least { 0. } else { e * scale }
 }
 
+/// exp(x) of any x in double precision, by [`exp64`]; infinite above 708.
+#[inline]
+pub fn exp_signed(x: f64) -> f64 {
+    if x > 0. { 1. / exp64(-x) } else { exp64(x) }
+}
+
 /// 1/13!, 1/12!, …, 1/2!.
 const FACTORS: [f64; 12] = {
     let mut factors = [0.5; 12];
@@ -72,6 +78,12 @@ mod tests {
             let error = (super::exp64(x) - x.exp()).abs() / x.exp();
             assert!(error < 4e-16, "exp({x}): {error}");
         }
+        for i in -7_000..7_000 {
+            let x = f64::from(i) * 0.101;
+            let error = (super::exp_signed(x) - x.exp()).abs() / x.exp();
+            assert!(error < 6e-16, "exp({x}): {error}");
+        }
+        assert_eq!([f64::NEG_INFINITY, f64::INFINITY].map(super::exp_signed), [0., f64::INFINITY]);
         assert_eq!((super::exp64(0.), super::exp64(f64::NEG_INFINITY), super::exp64(-709.)), (1., 0., 0.));
     }
 

@@ -16,6 +16,8 @@ use super::cell_graph::class_sums;
 use super::ensemble::Superfaces;
 use super::hierarchy::PartTree;
 use super::matrix::Square;
+use crate::spectral::exp::exp_signed;
+use libm::log as ln;
 
 /// Below this share a part is unsure: most people would not have it.
 pub const UNSURE: f64 = 0.5;
@@ -32,8 +34,8 @@ const WIDTHS: [f64; 2] = [1e-3, 1.];
 /// `width`: twice its area over the length of its boundary with others, in units of the root of the whole area.
 pub fn expected(confidence: f64, width: f64) -> f64 {
     let [constant, sure, wide] = FITTED;
-    let odds = constant + sure * confidence + wide * width.clamp(WIDTHS[0], WIDTHS[1]).ln();
-    1. / (1. + (-odds).exp())
+    let odds = constant + sure * confidence + wide * ln(width.clamp(WIDTHS[0], WIDTHS[1]));
+    1. / (1. + exp_signed(-odds))
 }
 
 /// The share of pairs of points, 0 to 1, on which a person is expected to differ, where the ensemble's
@@ -44,7 +46,7 @@ pub fn expected(confidence: f64, width: f64) -> f64 {
 /// the parts found on the Princeton benchmark and checked on categories that were left out, correct that.
 pub fn disagreement(expected: f64) -> f64 {
     let [factor, power] = PEOPLE;
-    (factor * expected.powf(power)).min(1.)
+    (factor * exp_signed(power * ln(expected))).min(1.)
 }
 
 /// [`expected`] for each of the `parts` that `label` (S) makes of the cells of `tree`, whose labels are as sure as

@@ -17,7 +17,9 @@ use super::merges::{MergeModel, classes_after, meeting_probability, merges};
 use crate::base::Result;
 use crate::base::random::{stream, unit};
 use crate::spectral::anchor::LandmarkDistances;
+use crate::spectral::exp::exp_signed;
 use crate::store::run::Run;
+use libm::log as ln;
 
 /// A single run stops when the greatest cost falls below this.
 const SINGLE_STOP: f64 = 1.5;
@@ -36,7 +38,7 @@ const GROUP_LEVEL: f64 = 0.9;
 
 /// Level of a merge at a cost: ½ at the stop.
 fn level(log_cost: f64, stop: f64) -> f64 {
-    1.0 / (1.0 + stop * (-log_cost).exp())
+    1.0 / (1.0 + stop * exp_signed(-log_cost))
 }
 
 /// One over-segmentation from all rows, merged by cost.
@@ -81,7 +83,7 @@ pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, r
         |k, ()| {
             let (m, mut random) = (&ensemble[k], stream(run.seed, &format!("parts consensus stop {k}")));
             let factor = STOP_FACTOR[0] + (STOP_FACTOR[1] - STOP_FACTOR[0]) * unit(&mut random);
-            let stop = (CONSENSUS_STOP * factor).ln();
+            let stop = ln(CONSENSUS_STOP * factor);
             let regions = measured.regions(cells, &m.region, m.regions, m.width);
             let into = classes_after(m.regions, &merges(regions, &MergeModel::default(), |cost, _| cost < stop));
             let label: Vec<u32> = superfaces.labels(&m.region).iter().map(|&r| into[r as usize]).collect();

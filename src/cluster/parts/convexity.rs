@@ -16,6 +16,7 @@ use super::region_pieces::RegionPieces;
 use crate::base::Result;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::sort::order_by;
+use crate::spectral::exp::exp64;
 use crate::store::run::Run;
 use std::ops::Range;
 
@@ -63,7 +64,7 @@ impl ExpTable {
         let cut = WIDTHS.map(|w| CUT * CUT * w * w);
         let scale = TABLE_NODES as f64 / cut[2];
         let node = |k: usize| {
-            let at = |r: f64| (-r * k as f64 / scale).exp();
+            let at = |r: f64| exp64(-r * k as f64 / scale);
             [at(a), at(b), at(c), k as f64 / scale]
         };
         ExpTable {

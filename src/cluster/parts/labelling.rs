@@ -22,6 +22,7 @@ use super::linkage::{Linkage, LinkageRank};
 use super::matrix::Square;
 use crate::base::Result;
 use crate::base::sort::sort_by;
+use crate::spectral::exp::exp64;
 use crate::store::run::Run;
 
 /// Gains below this are rounding.
@@ -262,7 +263,7 @@ pub fn unions_within(cells: &CellGraph, superface: &[u32]) -> Vec<CellUnion> {
     let mut inside: Vec<usize> = (0..cells.pairs.len())
         .filter(|&k| superface[cells.pairs[k][0] as usize] == superface[cells.pairs[k][1] as usize])
         .collect();
-    let strength = |k: usize| cells.length[k] * (-2.0 * cells.concave[k]).exp();
+    let strength = |k: usize| cells.length[k] * exp64(-2.0 * cells.concave[k]);
     sort_by(&mut inside, |&a, &b| strength(b).total_cmp(&strength(a)));
     let certain = |a, b| CellUnion { level: 1.0, rank: f64::INFINITY, a, b };
     let mut out: Vec<CellUnion> = inside.iter().map(|&k| certain(cells.pairs[k][0], cells.pairs[k][1])).collect();

@@ -9,6 +9,7 @@
 use super::matrix::Square;
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, EdgeSums, Regions};
 use crate::base::moments;
+use libm::log as ln;
 
 /// The logarithm of the cost is clipped to ± this before it enters the probability.
 const COST_CLIP: f64 = 6.0;
@@ -21,7 +22,7 @@ const CURVE_LENGTH: usize = 18;
 
 /// The logarithm of what may be nothing.
 pub(super) fn log(x: f64) -> f64 {
-    x.max(1e-6).ln()
+    ln(x.max(1e-6))
 }
 
 /// Roots of the eigenvalues, greatest first, of a distribution with the given means of x and of its products.
@@ -130,9 +131,9 @@ pub fn merge_features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; F
         (log_cost - 0.5 * r.log_folding).clamp(-COST_CLIP, COST_CLIP),
         inner(&a.embedding, &b.embedding) / norm.max(1e-9),
         a.normal,
-        (a.width / b.width).ln().abs(),
-        b.length.ln() + 0.5 * r.log_folding,
-        (boundary.length.max(1e-6) / a.height.max(HEIGHT_FLOOR)).ln() - r.log_folding,
+        ln(a.width / b.width).abs(),
+        ln(b.length) + 0.5 * r.log_folding,
+        ln(boundary.length.max(1e-6) / a.height.max(HEIGHT_FLOOR)) - r.log_folding,
         boundary.convex,
         boundary.thickness_jump.sqrt(),
         boundary.concave,

@@ -12,6 +12,7 @@ use super::matrix::Square;
 use super::merge_features::{FEATURES, log, merge_features};
 use super::merge_odds::BoostedTrees;
 use super::regions::Regions;
+use crate::spectral::exp::exp_signed;
 use std::borrow::Cow;
 
 /// What decides the order of merges and their probabilities. The default is that of all decisions; others are
@@ -43,7 +44,7 @@ impl MergeModel {
 
     /// Probability that people keep two regions with such [`merge_features`] in one part.
     pub fn probability(&self, features: &[f64; FEATURES]) -> f64 {
-        1.0 / (1.0 + (-self.odds.log_odds(features)).exp())
+        1.0 / (1.0 + exp_signed(-self.odds.log_odds(features)))
     }
 }
 

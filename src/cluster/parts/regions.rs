@@ -13,6 +13,7 @@ use super::matrix::Square;
 use super::region_pieces::RegionPieces;
 use crate::base::moments::products;
 use crate::spectral::anchor::AnchorEmbedding;
+use crate::spectral::exp::exp64;
 use bytemuck::{Pod, Zeroable};
 
 /// Coordinates of the mean embedding kept per region.
@@ -200,7 +201,7 @@ impl Regions {
                 out.perimeter[a] += length;
                 out.perimeter[b] += length;
                 let turning = cells.concave[k] + CONVEX_SHARE * cells.convex[k];
-                out.strength.add_both(a, b, length * (-turning / FADE).exp());
+                out.strength.add_both(a, b, length * exp64(-turning / FADE));
                 out.length.add_both(a, b, length);
                 out.convex.add_both(a, b, length * cells.convex04[k]);
                 out.concave.add_both(a, b, length * cells.concave[k]);

@@ -13,6 +13,7 @@ use crate::base::Result;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::vector::{add_scaled, dot, minus};
 use crate::store::run::Run;
+use libm::log as ln;
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -44,7 +45,7 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
     let chunks = run.map_ranges(cells.len(), CHUNK, |range| Ok(dispatch(CastRays { range, scene })))?;
     let found = chunks.concat();
     let usual = median(&mut found.iter().filter_map(|x| *x).collect::<Vec<_>>()).unwrap_or(UNKNOWN);
-    let mut out: Vec<f64> = found.iter().map(|x| x.unwrap_or(usual).max(FLOOR).ln()).collect();
+    let mut out: Vec<f64> = found.iter().map(|x| ln(x.unwrap_or(usual).max(FLOOR))).collect();
     let beside = cells.neighbours();
     let mut near = Vec::new();
     for _ in 0..ROUNDS {
@@ -435,7 +436,7 @@ mod tests {
             g.normal.push(if i == 7 { [0.0; 3] } else { [0.0, 0.0, 1.0] });
             g.area.push(1.0);
         }
-        assert_eq!(log_thickness(&g, &Run::new(&())).unwrap(), vec![UNKNOWN.ln(); 20]);
+        assert_eq!(log_thickness(&g, &Run::new(&())).unwrap(), vec![ln(UNKNOWN); 20]);
     }
 
     #[test]

@@ -8,6 +8,7 @@
 use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
 use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact, intersect};
 use crate::cluster::parts::matrix::Square;
+use crate::spectral::exp::exp64;
 
 /// Where the best plane has less [`MirrorImages::likeness`], the surface may be posed.
 pub const LIKE: f64 = 0.9;
@@ -78,7 +79,7 @@ pub fn mirror_images(cells: &CellGraph, shares: &[f64]) -> Vec<MirrorImages> {
                 .zip(0u32..)
                 .map(|(point, k)| nearest.find(plane.image(*point)).unwrap_or((k, f64::INFINITY)));
             let (image, far): (Vec<u32>, Vec<f64>) = seen.unzip();
-            let weight = far.iter().map(|d| (-(d / (REACH * set.radius)).powi(4)).exp()).collect();
+            let weight = far.iter().map(|d| exp64(-(d / (REACH * set.radius)).powi(4))).collect();
             MirrorImages { image, weight }
         })
         .collect()

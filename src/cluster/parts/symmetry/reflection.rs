@@ -9,6 +9,7 @@ use super::cell_map::{CellMap, Surface};
 use super::mirror_images::MirrorImages;
 use super::{anchored, signs};
 use crate::base::Result;
+use crate::spectral::exp::exp64;
 use crate::store::run::Run;
 
 /// Cell radii by which distances of an image differ where its weight has fallen to e⁻¹.
@@ -28,7 +29,7 @@ pub fn reflection(surface: &Surface<'_>, run: &Run) -> Result<Option<MirrorImage
     };
     Ok(map.map(|map| {
         let doubt = map.unlike.iter().zip(&map.back).map(|(unlike, back)| unlike.max(back / 2.0) / REACH);
-        MirrorImages { weight: doubt.map(|doubt| (-doubt.powi(4)).exp()).collect(), image: map.image }
+        MirrorImages { weight: doubt.map(|doubt| exp64(-doubt.powi(4))).collect(), image: map.image }
     }))
 }
 
