@@ -1,6 +1,7 @@
 //! Which mesh a work directory is of, and the first stages over it, common to all commands.
 
 use super::params::{Cluster, SegmentParams};
+use crate::base::parallel::lock;
 use crate::base::{Error, Result};
 use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Mesh;
@@ -65,10 +66,16 @@ pub fn content(path: &Path) -> Result<Value> {
 /// # Errors
 /// As [`identity`].
 pub fn identity_in(path: &Path, work: &WorkDir) -> Result<Value> {
-    if work.is_temporary() { identity(path) } else { recorded_or_content(path, Record::read(work).ok().as_ref()) }
+    let seen = identity(path)?;
+    if work.is_temporary() {
+        return Ok(seen);
+    }
+    // For the record: a file that changes from here on, however long the run takes, is read anew by the next one.
+    *lock(&work.input) = seen;
+    recorded_or_content(path, Record::read(work).ok().as_ref())
 }
 
-/// [`content`], as `record` has it where nothing has changed since that was made.
+/// [`content`], as `record` has it where nothing has changed since the run that made it began.
 ///
 /// # Errors
 /// As [`identity`].
@@ -97,7 +104,7 @@ pub struct Record {
     pub mesh: PathBuf,
     /// Which input it is ([`identity_in`]).
     pub identity: Value,
-    /// The [`identity`] of its file when the record was made; null for standard input and arrays.
+    /// The [`identity`] of its file before the run read it; null for standard input and arrays.
     pub seen: Value,
     /// The options.
     pub params: SegmentParams,
@@ -116,8 +123,7 @@ impl Record {
         // Standard input lies in the work directory, where it was spooled to.
         let path = if identity.get("stdin").is_some() { work.file(SPOOLED) } else { path.to_path_buf() };
         let mesh = std::path::absolute(&path).unwrap_or(path);
-        let seen =
-            if identity.get("whole").is_some() { self::identity(&mesh).unwrap_or_default() } else { Value::Null };
+        let seen = if identity.get("whole").is_some() { lock(&work.input).clone() } else { Value::Null };
         Self { mesh, identity: identity.clone(), seen, params: params.clone(), seed: 0 }
     }
 
@@ -214,4 +220,40 @@ pub fn graph(
     let graph = build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
     Record::of(opened, identity, params, context.work).stamp(context)?;
     Ok((ordered, graph))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a file was is told by when it was seen last, and that was after its graph was made.
+    #[test]
+    fn a_mesh_that_is_replaced_while_its_graph_is_made_is_another_one_to_the_next_run() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, next) = (dir.path().join("a.stl"), dir.path().join("next"));
+        let write = |path: &Path, height: u32| {
+            let facet = |[a, b, c]: [&str; 3]| format!("facet\nouter loop\nvertex {a}\nvertex {b}\nvertex {c}\nend");
+            let top = format!("0 0 {height}");
+            let corners = [["0 0 0", "0 1 0", "1 0 0"], ["0 0 0", "1 0 0", &top], ["1 0 0", "0 1 0", &top]];
+            let text = corners.map(|corners| facet(corners) + "loop\nendfacet\n").concat();
+            std::fs::write(path, format!("solid a\n{text}endsolid a\n")).unwrap();
+        };
+        write(&path, 1);
+        let (work, run) = (WorkDir::open(&dir.path().join("w")).unwrap(), Run::new(&()));
+        let look = || identity_in(&path, &work).unwrap();
+        let of_first = look();
+        let mesh = crate::mesh::open(&path, work.path(), &run).unwrap();
+        write(&next, 2);
+        std::fs::rename(&next, &path).unwrap();
+        let record = || {
+            graph(&mesh, &of_first, &SegmentParams::default(), Context::new(&work, &run)).unwrap();
+            Record::read(&work).unwrap()
+        };
+        let made = record();
+        assert!(!same(&look(), &of_first) && !made.is_of(&path).unwrap());
+        write(&path, 1);
+        assert!(same(&look(), &of_first) && made.is_of(&path).unwrap());
+        // It has not changed since: it is not read again.
+        assert_eq!(record().seen, identity(&path).unwrap());
+    }
 }

@@ -29,6 +29,7 @@ use crate::base::sort::map_of;
 use crate::base::{Error, Result, parallel};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -54,6 +55,8 @@ pub struct WorkDir {
     inside_of_it: Mutex<BTreeMap<String, Arc<WorkDir>>>,
     /// Whether arrays that are passed over in order are held in memory too, as files serve as well for them.
     everything: bool,
+    /// What the run saw of its input before it read it; null where that is nothing.
+    pub(crate) input: Mutex<Value>,
 }
 
 /// Removes files of a work directory when dropped: arrays that live no longer than the work that needs them.
@@ -145,6 +148,7 @@ impl WorkDir {
             arrays: None,
             inside_of_it: Mutex::default(),
             everything: false,
+            input: Mutex::default(),
         }
     }
 
@@ -451,7 +455,7 @@ impl Drop for WorkDir {
 mod tests {
     use super::*;
     use crate::store::stage::{StageKey, StageMiss, key_of};
-    use serde_json::{Value, json};
+    use serde_json::json;
 
     #[test]
     fn a_stage_is_reused_only_with_the_same_key_and_whole_files() {
