@@ -9,7 +9,7 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::cluster::parts::{PartCount, PartTree, PartsParams, TreeCut, detail_threshold};
 use nystrom_stream::pipeline::decision::{read_tree, tree_of};
 use nystrom_stream::pipeline::input::Record;
-use nystrom_stream::pipeline::labels::Labels;
+use nystrom_stream::pipeline::labels::{self, Labels};
 use nystrom_stream::pipeline::recipe::{self, Eigenvalues};
 use nystrom_stream::store::WorkDir;
 use serde_json::Value;
@@ -61,7 +61,7 @@ impl Found {
             (Some(params), Ok(labels)) => Some((params, labels.colours())),
             _ => None,
         };
-        let exact = record.params.exact_rows();
+        let exact = labels::method(&work).unwrap_or(record.params).exact_rows();
         let name = record.mesh.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let eigenvalues = recipe::eigenvalues(&work, exact).map_err(|error| match error {
             Error::WorkDir { path, problem, remedy } => {

@@ -415,8 +415,10 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     if args.mesh.is_some() {
         there(args.mesh.as_deref(), &record, work.path())?;
     }
+    // The record's where nothing was cut yet.
+    let params = labels::method(&work).unwrap_or_else(|| record.params.clone());
     if let Some(path) = &args.tree {
-        let tree = decision::tree_of(&work, record.params.exact_rows())?;
+        let tree = decision::tree_of(&work, params.exact_rows())?;
         decision::write_tree(&tree, path)?;
     }
     if !outputs.is_empty() {
@@ -430,11 +432,11 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         let agreement: Vec<f64> = parts.iter().filter_map(|part| part.expected_agreement).collect();
         let report = || {
             let input = json!({"path": record.mesh.to_string_lossy(), "faces": labels.len()});
-            Ok(json!({"input": input, "options": record.params, "parts": parts}))
+            Ok(json!({"input": input, "options": params, "parts": parts}))
         };
         let context = Context::new(&scratch, &run);
         let opened = opened_for(&outputs, args.mesh.as_deref(), &record, labels.len(), &work, context)?;
-        let (params, agreement, edits) = (&record.params, &agreement[..], edits.as_ref());
+        let (params, agreement, edits) = (&params, &agreement[..], edits.as_ref());
         let cut = Cut { labelling, params, tree: None, agreement, cell_labels: &[], edits, work: &work };
         cut.write(&outputs, args.form, opened.as_ref(), report, context)?;
     }

@@ -220,6 +220,12 @@ pub fn keep(result: &SegmentedMesh, context: Context<'_>) -> Result<()> {
     work.stamp(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), edits }, 0.)
 }
 
+/// The options that the labels in `work` were made under; `cluster` may have been given others than the record tells.
+pub fn method(work: &WorkDir) -> Option<SegmentParams> {
+    let stage = work.manifest().stages.remove(STAGE)?;
+    serde_json::from_value(stage.inputs.get("params")?.clone()).ok()
+}
+
 /// Labels of a work directory, as `cluster` left them.
 #[derive(Clone, Debug)]
 pub struct Labels {

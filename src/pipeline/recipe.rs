@@ -115,9 +115,7 @@ pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
 
 /// The number of parts that the labels in `work` were asked for, where they are a cut of a hierarchy.
 pub fn requested_parts(work: &WorkDir) -> Option<PartsParams> {
-    let stage = work.manifest().stages.remove(labels::STAGE)?;
-    let params: SegmentParams = serde_json::from_value(stage.inputs.get("params")?.clone()).ok()?;
-    (params.cluster == Cluster::Parts).then_some(params.parts)
+    labels::method(work).filter(|params| params.cluster == Cluster::Parts).map(|params| params.parts)
 }
 
 /// Clusters the faces of the mesh in `work` (again) under `params`; what is missing between its graph and the labels is

@@ -200,6 +200,27 @@ fn a_contracted_mesh_can_be_cut_again() {
     assert_eq!((names(work), names(&work.join("contracted"))), (vec![], vec![]));
 }
 
+/// A page of `export` told of the options of `segment`, so edits that were saved there began from another cut; under
+/// labels of K-means it had the hierarchy's cuts.
+#[test]
+fn an_exported_page_is_of_the_last_cut() {
+    let Scene { mesh, work, out, .. } = &scene(2_000, false);
+    segment(mesh, &["-q", "--work-dir", word(work), "-o", word(out)]);
+    let page = out.with_extension("html");
+    let exported = || {
+        stage(&["export", "-q", "-o", word(&page)], work);
+        std::fs::read_to_string(&page).unwrap()
+    };
+    stage(&["cluster", "-q", "-k", "3"], work);
+    assert!(exported().contains(r#""count":{"exactly":3}"#));
+    stage(&["cluster", "-q", "--cluster", "kmeans", "-k", "4"], work);
+    let of_export = exported();
+    stage(&["cluster", "-q", "--cluster", "kmeans", "-k", "4", "-o", word(&page)], work);
+    assert!(of_export.contains(r#""cluster":"k-means""#));
+    // Reports alone differ, by less than what cuts take.
+    assert!(of_export.len() <= std::fs::read(&page).unwrap().len());
+}
+
 /// K-means of another mesh left the older hierarchy in its place, and it was exported.
 #[test]
 fn a_hierarchy_is_that_of_the_mesh() {
