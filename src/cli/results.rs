@@ -132,12 +132,13 @@ impl Cut<'_> {
     }
 }
 
-/// The embedding of the `faces` faces of the mesh in the work directory, as `embed` made it, and its dimensions; one of
-/// its default, made now, where there is none.
+/// The embedding of the `faces` faces of the mesh in the work directory, as `embed` made it, and its dimensions; made
+/// now where there is none of the rows that are there, with the options of the one before or those of its default.
 fn embedding(method: &SegmentParams, faces: usize, context: Context<'_>) -> Result<(MappedSlice<f32>, usize), Error> {
+    let params = || embed::kept_params(context.work).unwrap_or(EmbeddingParams::for_parts(two_means::DIMENSIONS));
     let facts = match embed::kept(context.work) {
         Some(facts) => facts,
-        None => embed::embed(EmbeddingParams::for_parts(two_means::DIMENSIONS), method, context)?,
+        None => embed::embed(params(), method, context)?,
     };
     let coordinates = context.work.array_of(embed::FILE, faces.saturating_mul(facts.dimensions))?;
     Ok((coordinates, facts.dimensions))

@@ -15,7 +15,7 @@ use crate::base::{Error, Result};
 use crate::graph::NodeView;
 use crate::graph::WeightedGraph;
 use crate::graph::csr::WEIGHTS;
-use crate::graph::dual::WeightsStage;
+use crate::graph::dual::{GraphStage, WeightsStage};
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::rows_file::{RowsFile, are_held};
 use crate::store::stage::{Made, Stage, StageKey};
@@ -197,6 +197,17 @@ impl DistanceRows {
             return Err(work.damaged("manifest.json", "has sums of rows that no rows have"));
         }
         Ok(Self { landmarks, distances, facts, nodes, key })
+    }
+
+    /// The key of the rows over the graph in `work`, whole or not; none where they are of another graph, or of other
+    /// weights.
+    pub fn kept_key(work: &WorkDir) -> Option<String> {
+        let stages = work.manifest().stages;
+        let [graph, weights, rows] =
+            [GraphStage::NAME, WeightsStage::NAME, RowsStage::<'_>::NAME].map(|name| stages.get(name));
+        let (graph, weights) = (graph?, weights?);
+        let of_these = weights.inputs["graph"] == graph.key.as_str();
+        rows.filter(|rows| of_these && rows.inputs["weights"] == weights.key.as_str()).map(|rows| rows.key.clone())
     }
 
     fn spec(graph: &WeightedGraph, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> Result<JobSpec> {

@@ -9,7 +9,6 @@ use super::sample::rows;
 use crate::base::Result;
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
-use crate::spectral::embedding::KernelWidth;
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::stage::{Made, Stage};
@@ -35,17 +34,25 @@ pub struct EmbeddingFacts {
     rows: String,
 }
 
-/// What the embedding in `work` was made with, where there is one that is whole.
+/// What the embedding in `work` was made with, where there is one that is whole and of the rows that are there now.
 pub fn kept(work: &WorkDir) -> Option<EmbeddingFacts> {
-    work.kept::<EmbeddingStage<'_>>("").ok().map(|kept| kept.facts)
+    let facts = work.kept::<EmbeddingStage<'_>>("").ok()?.facts;
+    DistanceRows::kept_key(work).is_some_and(|rows| rows == facts.rows).then_some(facts)
 }
 
-/// Options of the embedding in `work`, where it is of the rows `rows`.
-pub(super) fn kept_params(rows: &str, work: &WorkDir) -> Option<EmbeddingParams> {
-    let params = work.told::<EmbeddingStage<'_>>().filter(|facts| facts.rows == rows)?.params;
-    // The manifest may have been altered.
-    let (KernelWidth::Mean(width) | KernelWidth::Fixed(width)) = params.width;
-    (width > 0. && width.is_finite() && params.kernel.check().is_ok()).then_some(params)
+/// Options of the embedding in `work`, of whatever rows it is.
+pub fn kept_params(work: &WorkDir) -> Option<EmbeddingParams> {
+    told(work).map(|facts| facts.params)
+}
+
+/// The same where it is of the rows `rows`.
+pub(super) fn params_over(rows: &str, work: &WorkDir) -> Option<EmbeddingParams> {
+    told(work).filter(|facts| facts.rows == rows).map(|facts| facts.params)
+}
+
+/// What the manifest tells of the embedding, unless somebody altered it.
+fn told(work: &WorkDir) -> Option<EmbeddingFacts> {
+    work.told::<EmbeddingStage<'_>>().filter(|facts| facts.params.check().is_ok())
 }
 
 /// The stage that writes the embedding of all faces.

@@ -140,7 +140,7 @@ pub fn cluster(
             None => means::contracted(&graph, fit, params, context)?,
             Some(rows) => {
                 context.run.progress.note_of_work(&format!("rows: {} of them", rows.len()));
-                let kept = || super::embed::kept_params(&rows.key, context.work);
+                let kept = || super::embed::params_over(&rows.key, context.work);
                 let embedding =
                     params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
                 let embedding = EmbeddingParams { dimensions: dimensions(params), ..embedding };

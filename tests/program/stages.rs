@@ -200,6 +200,32 @@ fn a_contracted_mesh_can_be_cut_again() {
     assert_eq!((names(work), names(&work.join("contracted"))), (vec![], vec![]));
 }
 
+/// Coordinates stayed those of the rows before: `--embedding-columns` took whatever embedding was there.
+#[test]
+fn columns_of_the_embedding_are_of_the_rows_that_are_there() {
+    let Scene { mesh, work, out, .. } = &scene(2_000, false);
+    let table = out.with_extension("parquet");
+    let exported = |work: &Path| {
+        stage(&["export", "-q", "--embedding-columns", "-o", word(&table)], work);
+        std::fs::read(&table).unwrap()
+    };
+    let cut = |work: &Path, landmarks: &str| {
+        let words =
+            ["-q", "--cluster", "kmeans", "-k", "4", "-l", landmarks, "--work-dir", word(work), "-o", word(out)];
+        segment(mesh, &words);
+    };
+    let embed = |work: &Path| stage(&["embed", "-q", "-d", "3"], work);
+    cut(work, "12");
+    embed(work);
+    let of_few = exported(work);
+    cut(work, "30");
+    let of_more = exported(work);
+    let fresh = &work.with_extension("fresh");
+    cut(fresh, "30");
+    embed(fresh);
+    assert!(of_more != of_few && of_more == exported(fresh));
+}
+
 /// A page of `export` told of the options of `segment`, so edits that were saved there began from another cut; under
 /// labels of K-means it had the hierarchy's cuts.
 #[test]
