@@ -120,7 +120,7 @@ impl Cut<'_> {
         let Self { labelling, params, tree, agreement, cell_labels, edits, work } = *self;
         let faces = labelling.labels.len();
         let kept = Context::new(work, context.run);
-        let embedding = form.embedding_columns.then(|| embedding(params, faces, kept)).transpose()?;
+        let embedding = form.embedding_columns.then(|| embedding(params, faces, mesh, kept)).transpose()?;
         let embedding = embedding.as_ref().map(|(values, dimensions)| Coordinates { values, dimensions: *dimensions });
         let page = outputs.iter().any(Output::is_page);
         let of_parts = page && params.cluster == Cluster::Parts;
@@ -134,11 +134,17 @@ impl Cut<'_> {
 
 /// The embedding of the `faces` faces of the mesh in the work directory, as `embed` made it, and its dimensions; made
 /// now where there is none of the rows that are there, with the options of the one before or those of its default.
-fn embedding(method: &SegmentParams, faces: usize, context: Context<'_>) -> Result<(MappedSlice<f32>, usize), Error> {
+fn embedding(
+    method: &SegmentParams,
+    faces: usize,
+    mesh: Option<&Mesh>,
+    context: Context<'_>,
+) -> Result<(MappedSlice<f32>, usize), Error> {
     let params = || embed::kept_params(context.work).unwrap_or(EmbeddingParams::for_parts(two_means::DIMENSIONS));
-    let facts = match embed::kept(context.work) {
-        Some(facts) => facts,
-        None => embed::embed(params(), method, context)?,
+    let facts = match (embed::kept(context.work), mesh) {
+        (Some(facts), _) => facts,
+        (None, Some(mesh)) => embed::embed_again(mesh, params(), method, context)?,
+        (None, None) => embed::embed(params(), method, context)?,
     };
     let coordinates = context.work.array_of(embed::FILE, faces.saturating_mul(facts.dimensions))?;
     Ok((coordinates, facts.dimensions))

@@ -8,7 +8,8 @@ use super::params::{Cluster, SegmentParams, default_landmarks_for_parts};
 use super::sample::rows;
 use crate::base::Result;
 use crate::distance::DistanceRows;
-use crate::graph::{DualGraph, NodeOrder};
+use crate::graph::{DualGraph, NodeOrder, Ordered};
+use crate::mesh::Mesh;
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::stage::{Made, Stage};
@@ -112,7 +113,25 @@ pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'
     context.stage(EmbeddingStage { graph: &graph, order: &order, rows: &rows, params })
 }
 
-/// The rows that are there, or new ones.
+/// The same of the mesh `opened`. A temporary directory may have given up its graph, which is then made once more.
+///
+/// # Errors
+/// As [`embed`], and those of [`DualGraph::build`].
+pub fn embed_again(
+    opened: &Mesh,
+    params: EmbeddingParams,
+    method: &SegmentParams,
+    context: Context<'_>,
+) -> Result<EmbeddingFacts> {
+    if context.work.is_temporary() && DualGraph::kept(context.work).is_err() {
+        let ordered = Ordered::build(opened, method.ordering(opened.faces.len()), &Value::Null, context)?;
+        DualGraph::build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
+        ordered.into_nodes(context.work)?;
+    }
+    embed(params, method, context)
+}
+
+/// The rows that are there, or new ones: where the method is K-means over all faces, those that it takes.
 fn kept_or_new_rows(
     graph: &DualGraph,
     parts: usize,
@@ -129,7 +148,9 @@ fn kept_or_new_rows(
         return rows(graph, &weighted, method.landmarks_over(n), method, context);
     }
     let weighted = graph.weighted(method.metric, context)?;
-    rows(graph, &weighted, method.landmarks.unwrap_or(default_landmarks_for_parts(parts)), method, context)
+    let over_faces = method.centres().is_some() && !method.contracts(n);
+    let l = if over_faces { Some(method.landmarks_of(n)) } else { method.landmarks };
+    rows(graph, &weighted, l.unwrap_or(default_landmarks_for_parts(parts)), method, context)
 }
 
 /// Extrapolates every face, a chunk at a time.

@@ -226,6 +226,20 @@ fn columns_of_the_embedding_are_of_the_rows_that_are_there() {
     assert!(of_more != of_few && of_more == exported(fresh));
 }
 
+/// K-means gives up its graph in a temporary directory, and the embedding was made of nothing.
+#[test]
+fn k_means_has_columns_of_its_embedding_without_a_work_directory_too() {
+    let Scene { mesh, work, out, .. } = &scene(2_000, true);
+    let table = out.with_extension("parquet");
+    let written = |words: &[&str]| {
+        let all =
+            ["-q", "--cluster", "kmeans", "-k", "4", "--order", "hilbert", "--embedding-columns", "-o", word(&table)];
+        segment(mesh, &[&all[..], words].concat());
+        std::fs::read(&table).unwrap()
+    };
+    assert!(written(&[]) == written(&["--work-dir", word(work)]));
+}
+
 /// A page of `export` told of the options of `segment`, so edits that were saved there began from another cut; under
 /// labels of K-means it had the hierarchy's cuts.
 #[test]
