@@ -1,16 +1,20 @@
 //! What made an output of a batch, so that `--resume` skips results of the same mesh and options only.
 //!
 //! Beside the outputs of a batch lies a folder `.nystrom-stream` with one small file per output: a key of the program's
-//! version, the mesh and the options, and the size and time of the output as it was written. One file each, by rename,
-//! so several processes may write to one folder of outputs. An output without such a record, or that changed since,
-//! counts as made by something else.
+//! version, the mesh and the options, when the mesh had changed and a hash of all of it, and the size and time of the
+//! output as it was written. One file each, by rename, so several processes may write to one folder of outputs. An
+//! output without such a record, or that changed since, counts as made by something else.
+//!
+//! Cost: a mesh is read once more for its hash, after it was cut, and again only where its times are other ones.
 
 use super::output::Output;
 use super::sink::folder_of;
 use nystrom_stream::apps::export::Form;
+use nystrom_stream::pipeline::input;
 use nystrom_stream::store::json;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::time::UNIX_EPOCH;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -18,13 +22,34 @@ use xxhash_rust::xxh3::xxh3_64;
 pub const FOLDER: &str = ".nystrom-stream";
 
 /// What an output depends on: version, mesh and everything that was asked for.
-pub struct Maker(String);
+pub struct Maker {
+    key: String,
+    mesh: PathBuf,
+    /// The mesh before it was read.
+    identity: Value,
+    /// A hash of all of it; none where it cannot be read.
+    whole: OnceLock<Option<Value>>,
+}
 
 impl Maker {
-    /// Of the mesh that `identity` tells, under `options`. When and where the mesh lies does not count.
-    pub fn new(identity: &Value, options: &Value) -> Self {
+    /// Of the mesh at `path` as it is now, under `options`; nothing where it cannot be read. When and where the mesh
+    /// lies does not count.
+    pub fn new(path: &Path, options: &Value) -> Option<Self> {
+        let identity = input::identity(path).ok()?;
         let all = json!([env!("CARGO_PKG_VERSION"), identity["bytes"], identity["ends"], options]);
-        Self(format!("{:016x}", xxh3_64(all.to_string().as_bytes())))
+        let key = format!("{:016x}", xxh3_64(all.to_string().as_bytes()));
+        Some(Self { key, mesh: path.to_path_buf(), identity, whole: OnceLock::new() })
+    }
+
+    /// A hash of all of the mesh.
+    fn whole(&self) -> Option<&Value> {
+        let content = || Some(input::content(&self.mesh).ok()?["whole"].clone());
+        self.whole.get_or_init(content).as_ref()
+    }
+
+    /// Whether the mesh is the one that `record` tells of: the ends of it, which the key has, are not all of it.
+    fn is_of(&self, record: &Value) -> bool {
+        record["mesh"] == self.identity["changed"] || self.whole().is_some_and(|whole| record["whole"] == *whole)
     }
 
     /// The record of `output` as it lies there now; nothing for one that is no file, or not whole.
@@ -40,14 +65,16 @@ impl Maker {
                 (bytes, changed) = (bytes + more, format!("{:016x}", xxh3_64(all.as_bytes())));
             }
         }
-        Some(json!({"key": self.0, "bytes": bytes, "changed": changed}))
+        Some(json!({"key": self.key, "bytes": bytes, "changed": changed}))
     }
 
     /// Whether this made `output`, and nothing has changed it since.
     pub fn made(&self, output: &Output) -> bool {
         let kept = output.path().and_then(place).and_then(|path| std::fs::read(path).ok());
         let kept = kept.and_then(|text| serde_json::from_slice::<Value>(&text).ok());
-        kept.is_some() && kept == self.record(output)
+        let same =
+            |(kept, now): (&Value, Value)| ["key", "bytes", "changed"].iter().all(|name| kept[name] == now[name]);
+        kept.as_ref().zip(self.record(output)).is_some_and(same) && kept.as_ref().is_some_and(|kept| self.is_of(kept))
     }
 
     /// Forgets what made `output`, before it is written anew.
@@ -57,11 +84,16 @@ impl Maker {
         }
     }
 
-    /// Records that this made `output`. Where the folder cannot be written to, the next run makes it anew.
+    /// Records that this made `output`. Where the folder cannot be written to, or the mesh has changed meanwhile, the
+    /// next run makes it anew.
     pub fn stamp(&self, output: &Output) {
-        if let (Some(path), Some(record)) = (output.path().and_then(place), self.record(output))
+        let Some(whole) = self.whole() else { return };
+        let unchanged = input::identity(&self.mesh).is_ok_and(|identity| identity == self.identity);
+        if let (Some(path), Some(mut record)) = (output.path().and_then(place), self.record(output))
+            && unchanged
             && std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).is_ok()
         {
+            (record["mesh"], record["whole"]) = (self.identity["changed"].clone(), whole.clone());
             // It may be somebody else's, or take no names as long.
             let _ = json::publish(&path, record.to_string().as_bytes());
         }

@@ -13,7 +13,7 @@ use nystrom_stream::apps::measure;
 use nystrom_stream::base::{Progress, Result};
 use nystrom_stream::pipeline::like::{self, LikeFacts, Way};
 use nystrom_stream::pipeline::report::Report;
-use nystrom_stream::pipeline::{SegmentParams, input, labels, segment_corrected};
+use nystrom_stream::pipeline::{SegmentParams, labels, segment_corrected};
 use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::{Context, Run};
 use serde_json::{Value, json};
@@ -112,7 +112,7 @@ impl Job {
 
     /// What the outputs are made by; nothing where the mesh cannot be read.
     pub fn maker(&self, options: &Value) -> Option<Maker> {
-        Some(Maker::new(&input::identity(&self.mesh).ok()?, options))
+        Maker::new(&self.mesh, options)
     }
 
     /// Whether `maker` made all outputs, after the mesh was last changed.
@@ -120,7 +120,7 @@ impl Job {
         let newer = self.is_newer();
         let done = newer && maker.is_some_and(|maker| self.outputs.iter().all(|output| maker.made(output)));
         if newer && !done {
-            progress.note_of_work("its outputs are not known to be of these options, and are made anew");
+            progress.note_of_work("its outputs are not known to be of this mesh and these options, and are made anew");
         }
         done
     }

@@ -133,6 +133,38 @@ fn finished_outputs_are_skipped_on_request() {
     assert_eq!(nystrom_stream::mesh::read_seg(&out.join("moebius.seg")).unwrap().len(), 80);
 }
 
+/// The record of a batch told of the first and the last mebibyte of a mesh alone, and a mesh that takes the place of
+/// another by renaming keeps its time.
+#[test]
+fn a_mesh_of_the_same_ends_that_takes_the_place_of_another_is_done_again() {
+    let dir = common::in_memory();
+    let mesh = common::creature(dir.path(), 200_000, false);
+    let (kept, other) = (dir.path().join("kept"), dir.path().join("other"));
+    let mut bytes = std::fs::read(&mesh).unwrap();
+    assert!(bytes.len() > 3 << 20, "{}", bytes.len());
+    std::fs::copy(&mesh, &kept).unwrap();
+    // A vertex that lies elsewhere.
+    bytes[(1 << 20) + 100] ^= 1;
+    std::fs::write(&other, &bytes).unwrap();
+    let out = dir.path().join("out.npy");
+    std::thread::sleep(std::time::Duration::from_millis(20));
+    let again = || {
+        let output = run(&["segment", word(&mesh), "--cluster", "kmeans", "-k", "2", "--resume", "-o", word(&out)]);
+        let told = errors(&output);
+        assert!(output.status.success(), "{told}");
+        told.lines().next_back().unwrap_or_default().to_string()
+    };
+    assert!(again().contains("1 done, 0 failed, in "));
+    assert!(again().contains("1 skipped"));
+    std::fs::rename(&other, &mesh).unwrap();
+    assert!(again().contains("1 done, 0 failed, in "));
+    // A copy of the same content is the same mesh.
+    std::fs::write(&mesh, &bytes).unwrap();
+    let time = std::fs::metadata(&kept).unwrap().modified().unwrap();
+    std::fs::File::options().write(true).open(&mesh).unwrap().set_modified(time).unwrap();
+    assert!(again().contains("1 skipped"));
+}
+
 /// Only the list of a folder of parts was looked at: one whose parts were gone or cut short was skipped.
 #[test]
 fn a_folder_of_parts_is_skipped_if_it_is_whole() {
