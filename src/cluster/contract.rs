@@ -73,7 +73,7 @@ pub struct Contraction<'a> {
 
 impl Stage for Contraction<'_> {
     const NAME: &'static str = "contraction";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type Facts = GraphFacts;
     type Output = ContractedSurface;
 
