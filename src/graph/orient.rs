@@ -77,7 +77,7 @@ impl Sums {
         }
         let volume = (self.flux - (0..3).map(|axis| self.vector[axis] * self.moment[axis] / area).sum::<f64>()) / 3.;
         // A sphere of this area has the volume A^1.5 / (6 √π).
-        let sphere = area.powf(1.5) / (6. * std::f64::consts::PI.sqrt());
+        let sphere = area * area.sqrt() / (6. * std::f64::consts::PI.sqrt());
         let inward = volume < 0.;
         if volume.abs() > ENCLOSES * sphere { inward } else { majority }
     }

@@ -65,8 +65,8 @@ fn steps(params: &SegmentParams, nodes: f64) -> f64 {
     let k = params.centres().unwrap_or(1) as f64;
     let d = l.min(params.embedding.map_or(dimensions(params), |embedding| embedding.dimensions) as f64);
     // Eight starts of so many candidates and four rounds, and some twenty rounds of two of them.
-    let compared = |k: f64| k * (8. * (2. + k.ln()) + 8. * 4. + 2. * 20.);
-    let compared = if params.cluster == Cluster::TwoMeans { compared(2.) * k.log2().max(1.) } else { compared(k) };
+    let compared = |k: f64| k * (8. * (2. + libm::log(k)) + 8. * 4. + 2. * 20.);
+    let compared = if params.cluster == Cluster::TwoMeans { compared(2.) * libm::log2(k).max(1.) } else { compared(k) };
     let fit = nodes.min(MOST_COLUMNS as f64) * (compared * d + l * l) + 10. * l.powi(3);
     fit + nodes * (l * (l + d + 4.) + k * d)
 }

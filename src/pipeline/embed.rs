@@ -66,7 +66,7 @@ pub(super) struct EmbeddingStage<'a> {
 
 impl Stage for EmbeddingStage<'_> {
     const NAME: &'static str = "embedding";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Facts = EmbeddingFacts;
     type Output = EmbeddingFacts;
 

@@ -32,6 +32,7 @@ use crate::graph::VertexGraph;
 use crate::graph::vertex_graph::triangles;
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
+use crate::spectral::exp::exp64;
 use crate::spectral::local::LocalBasis;
 use crate::store::{Context, MappedSlice, Run};
 
@@ -116,7 +117,7 @@ impl Region {
                 .for_each(|(sum, x)| *sum += f64::from(node.area) * f64::from(*x));
         }
         let highest = basis.frequencies.last().copied().unwrap_or(1.).max(1e-300);
-        let damp = |(factor, frequency): (&mut f64, &f64)| *factor *= (-SPREAD * frequency / highest).exp();
+        let damp = |(factor, frequency): (&mut f64, &f64)| *factor *= exp64(-SPREAD * frequency / highest);
         factors.iter_mut().zip(&basis.frequencies).for_each(damp);
         let at =
             |v: usize| factors.iter().zip(basis.at(v)).map(|(factor, x)| factor * f64::from(*x)).sum::<f64>() as f32;

@@ -237,6 +237,26 @@ fn leading_eigenvectors(phi: &[f64], l: usize, n: usize, shares: &[f64], width: 
     q
 }
 
+/// Inner products of the rows of a matrix with each other, to be computed by [`dispatch`]: the same bits on all
+/// processors, which products of matrices by the crate `nalgebra` are not.
+pub(super) struct RowProducts<'a> {
+    /// The rows, one after another (l × n).
+    pub rows: &'a [f64],
+    /// Number of rows.
+    pub l: usize,
+    /// Numbers per row.
+    pub n: usize,
+}
+
+impl SimdKernel for RowProducts<'_> {
+    type Output = DMatrix<f64>;
+
+    #[inline(always)]
+    fn run(self) -> DMatrix<f64> {
+        gram(self.rows, self.l, self.n)
+    }
+}
+
 /// Inner products of `l` rows of `n` numbers with each other, each as [`dot`] has it: four at a time, so that a number
 /// that is loaded serves all of them.
 #[inline(always)]

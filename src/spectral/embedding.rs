@@ -19,7 +19,7 @@
 //! Cost of extrapolation: l exponentials and l·d multiply-adds per face, vectorised over faces.
 
 use super::affinity::{Degrees, KeptEigenpairs, landmark_affinities};
-use super::anchor::{BACKGROUND, nearest_shares};
+use super::anchor::{BACKGROUND, RowProducts, nearest_shares};
 use super::eigen;
 use super::kernel::Kernel;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -505,7 +505,8 @@ impl EmbeddingFit<'_> {
                 z[(i, j)] *= root / c[i].sqrt();
             }
         }
-        let (values, vectors) = eigen::symmetric(&z * z.transpose());
+        let rows = z.transpose();
+        let (values, vectors) = eigen::symmetric(dispatch(RowProducts { rows: rows.as_slice(), l, n: s }));
         let d = self.params.dimensions.min(l);
         let top = values.first().copied().unwrap_or(1.).max(1e-30);
         // X = Φᵀ Q / √g · √(g/g₀) = Φᵀ Q / √g₀, Φ = Z/√c, Z = (v∘k + ε v)/sum.

@@ -3,7 +3,7 @@
 //! Rows of distances become affinities in `f32`, in loops that vectorise ([`Kernel::apply`]); the l × l problems of the
 //! landmarks are computed in `f64` ([`Kernel::of`]). Cost: some ten operations a distance, no memory.
 
-use super::exp::exp;
+use super::exp::{exp, exp64};
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -64,11 +64,11 @@ impl Kernel {
         }
         let r = if sigma > 0. { d / sigma } else { 0. };
         match *self {
-            Self::Gaussian => (-0.5 * r * r).exp(),
-            Self::Exponential => (-r).exp(),
+            Self::Gaussian => exp64(-0.5 * r * r),
+            Self::Exponential => exp64(-r),
             Self::Polynomial { degree } => (1. - r * 0.25).max(0.).powi(degree as i32),
             Self::InverseMultiquadric => 1. / (1. + r * r).sqrt(),
-            Self::Matern => (1. + ROOT_3 * r) * (-ROOT_3 * r).exp(),
+            Self::Matern => (1. + ROOT_3 * r) * exp64(-ROOT_3 * r),
             Self::Cauchy => 1. / (1. + r * r),
         }
     }

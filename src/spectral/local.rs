@@ -220,7 +220,7 @@ impl LocalBasis {
         // What an entry's affinity is multiplied by: m_j f_j / λ.
         let factor = |j: usize, k: usize| mass[j] * vectors[(j, k)] / (mass[j] * degree[j]).sqrt() / values[k];
         let factors: Vec<f64> = (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| factor(j, k)).collect();
-        let frequencies = values.iter().map(|value| -value.min(1.).ln()).collect();
+        let frequencies = values.iter().map(|value| -libm::log(value.min(1.))).collect();
         gaussians.extend(&factors, frequencies, name, context)
     }
 

@@ -64,8 +64,8 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
 fn rays() -> [[f64; RAYS]; 2] {
     let all = RINGS.iter().flat_map(|&(count, tangent)| {
         (0..count).map(move |k| {
-            let angle = k as f64 * TAU / count as f64;
-            [tangent * angle.cos(), tangent * angle.sin()]
+            let (sin, cos) = libm::sincos(k as f64 * TAU / count as f64);
+            [tangent * cos, tangent * sin]
         })
     });
     let mut rays = [[f64::INFINITY; RAYS]; 2];

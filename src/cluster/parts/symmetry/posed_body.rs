@@ -53,7 +53,7 @@ pub fn posed(arm: bool, leg: bool) -> CellGraph {
 
 /// Turns a place and a direction by .6 about a hinge, in the plane of two axes.
 fn turn(place: &mut [f64; 3], direction: &mut [f64; 3], [a, b]: [usize; 2], hinge: [f64; 2]) {
-    let (sin, cos) = 0.6f64.sin_cos();
+    let (sin, cos) = libm::sincos(0.6);
     for (v, [p, q]) in [(place, hinge), (direction, [0.0; 2])] {
         let (x, y) = (v[a] - p, v[b] - q);
         (v[a], v[b]) = (p + cos * x + sin * y, q + cos * y - sin * x);
