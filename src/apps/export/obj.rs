@@ -197,11 +197,13 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     })
 }
 
-/// The files that the words after `mtllib` name in `folder`: one, if there is such a file, with blanks in its name.
+/// The files that the words after `mtllib` name in `folder`: one, if there is such a file, with blanks in its name. A
+/// remark may follow them.
 fn libraries(names: &[u8], folder: &Path) -> Vec<PathBuf> {
     let names = String::from_utf8_lossy(names);
-    let whole = folder.join(names.trim());
-    if whole.exists() { vec![whole] } else { names.split_whitespace().map(|name| folder.join(name)).collect() }
+    let plain = names.find(" #").map_or(&*names, |at| &names[..at]);
+    let whole = [&*names, plain].map(|name| folder.join(name.trim())).into_iter().find(|place| place.exists());
+    whole.map_or_else(|| plain.split_whitespace().map(|name| folder.join(name)).collect(), |place| vec![place])
 }
 
 /// Everything of the input but faces and what is said of them.
@@ -367,6 +369,20 @@ mod tests {
         assert_eq!(libraries(b" a.mtl  b.mtl", dir.path()), [place("a.mtl"), place("b.mtl")]);
         std::fs::write(place("of a scan.mtl"), "").unwrap();
         assert_eq!(libraries(b" of a scan.mtl", dir.path()), [place("of a scan.mtl")]);
+        assert_eq!(libraries(b" of a scan.mtl # of it", dir.path()), [place("of a scan.mtl")]);
+        assert_eq!(libraries(b" a.mtl b.mtl # c", dir.path()), [place("a.mtl"), place("b.mtl")]);
+        std::fs::write(place("no #1.mtl"), "").unwrap();
+        assert_eq!(libraries(b" no #1.mtl", dir.path()), [place("no #1.mtl")]);
+    }
+
+    #[test]
+    fn materials_with_a_hash_in_their_names_stay_apart() {
+        // Regression: names ended at the hash, so that all such materials were one, which no library had.
+        let text = "mtllib a#1.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nusemtl Material #1\nf 1 2 3\n\
+             usemtl Material #2\nf 2 4 3\n";
+        let (out, _) = written("scan.obj", text, &[0, 0]);
+        assert!(out.contains("\nmtllib a#1.mtl\n"), "{out}");
+        assert_eq!(in_force(&out), in_force(text));
     }
 
     #[test]

@@ -15,7 +15,8 @@ pub(super) struct Line<'a> {
     pub text: &'a [u8],
 }
 
-/// The lines that are not blank; `#` begins a remark. With `joined`, a backslash at the end goes on with the next line.
+/// The lines that are not blank; `#` begins a remark ([`remark`]). With `joined`, as in OBJ, a backslash at the end
+/// goes on with the next line.
 pub(super) struct Lines<'a> {
     rest: &'a [u8],
     number: u64,
@@ -38,6 +39,22 @@ impl<'a> Lines<'a> {
     }
 }
 
+/// Where a remark begins in a line. Not within the numbers of Microsoft's library (`1.#INF`), nor, `in_obj`, after the
+/// names of materials and their libraries, which may hold a `#` (`Material #2`) and go on to the end of the line.
+#[inline]
+fn remark(text: &[u8], in_obj: bool) -> Option<usize> {
+    let mut from = 0;
+    loop {
+        let at = from + text[from..].iter().position(|&byte| byte == b'#')?;
+        let in_number = text[..at].ends_with(b".") && text.get(at + 1).is_some_and(u8::is_ascii_uppercase);
+        let front = text[..at].trim_ascii_start();
+        if !in_number && !(in_obj && (front.starts_with(b"usemtl") || front.starts_with(b"mtllib"))) {
+            return Some(at);
+        }
+        from = at + 1;
+    }
+}
+
 impl<'a> Iterator for Lines<'a> {
     type Item = Line<'a>;
 
@@ -56,7 +73,7 @@ impl<'a> Iterator for Lines<'a> {
             let text = match text.first() {
                 Some(b'#') => &[][..],
                 // Most lines have no remark; only where numbers are followed by one is it looked for.
-                _ => text.iter().position(|&byte| byte == b'#').map_or(text, |at| &text[..at]),
+                _ => remark(text, self.joined).map_or(text, |at| &text[..at]),
             }
             .trim_ascii();
             if !text.is_empty() {
@@ -245,5 +262,25 @@ pub(super) mod off {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_and_names_with_a_hash_are_no_remarks() {
+        // Regression: the z of `v 0 0 -1.#IND` was -1, and `Material #1` and `Material #2` became one material.
+        let text =
+            b"v 1 2 -1.#IND # odd\nv 1.#INF 0 0\n# v\nv 3 2 1.# end\nusemtl Material #2\nmtllib a#b.mtl\nf 1 2 3#x\n";
+        let lines =
+            |joined| Lines::new(text, joined).map(|line| String::from_utf8_lossy(line.text)).collect::<Vec<_>>();
+        let obj = ["v 1 2 -1.#IND", "v 1.#INF 0 0", "v 3 2 1.", "usemtl Material #2", "mtllib a#b.mtl", "f 1 2 3"];
+        assert_eq!(lines(true), obj);
+        assert_eq!(lines(false)[3..], ["usemtl Material", "mtllib a", "f 1 2 3"]);
+        let first = Lines::new(text, true).next().unwrap();
+        let place = first.place(first.words().skip(1), Scalar::F64, Path::new("x.obj")).unwrap();
+        assert!(place[..2] == [1., 2.] && place[2].is_nan(), "{place:?}");
     }
 }
