@@ -245,7 +245,8 @@ impl Document {
 
     /// The header of a copy of the file in encoding `target`, with `count` records of each element: the properties that
     /// are `kept` (element, property), and behind those of an element what is `added` to it. New remarks stand before
-    /// the first element, stale ones go. Triangle strips become faces that have only their corners and what is added.
+    /// the first element, stale ones go. Triangle strips become faces that have only their corners and what is added;
+    /// an element of no faces beside them goes.
     pub(super) fn header_of_copy(
         &self,
         target: Encoding,
@@ -260,9 +261,12 @@ impl Document {
                 out.property(name, scalar);
             }
         };
+        // Strips are read where the faces are none; both under one name would be no PLY.
+        let is_gone = |element: usize| self.strips && element != self.face && self.header.elements[element].is("face");
         let mut open = None;
         for line in &self.header.lines {
             match *line {
+                Line::Element(element) | Line::Property(element, _) if is_gone(element) => {}
                 Line::Remark(ref text) if (remarks.stale)(text) => {}
                 Line::Remark(ref text) => {
                     out.remark(text);
@@ -386,6 +390,25 @@ mod tests {
             write_labelled(&mesh, &labelled, &labelling, form, &run).unwrap();
             let again = open(&labelled, dir.path(), &run).unwrap();
             assert_eq!(again.face_property("label", &run).unwrap(), [3, 70000]);
+        }
+    }
+
+    #[test]
+    fn strips_beside_an_empty_element_of_faces_become_the_only_faces() {
+        // Regression: the output had two elements called face, which other programs refuse.
+        let dir = tempfile::tempdir().unwrap();
+        let (run, path, out) = (Run::new(&()), dir.path().join("a.ply"), dir.path().join("b.ply"));
+        let list = "property list uchar int vertex_indices\n";
+        let (strips, faces) = (format!("element tristrips 1\n{list}"), format!("element face 0\n{list}"));
+        for both in [format!("{faces}{strips}"), format!("{strips}{faces}")] {
+            let (front, _) = MESH.split_once("element face").unwrap();
+            std::fs::write(&path, format!("{front}{both}end_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n4 0 1 2 3\n")).unwrap();
+            let mesh = open(&path, dir.path(), &run).unwrap();
+            let labelling = Labelling { labels: &[3, 7], colours: &[], quality: None, names: &[] };
+            write_labelled(&mesh, &out, &labelling, PlyForm::Same, &run).unwrap();
+            let text = std::fs::read_to_string(&out).unwrap();
+            assert_eq!((text.matches("element").count(), text.matches("element face 2\n").count()), (2, 1), "{text}");
+            assert_eq!(open(&out, dir.path(), &run).unwrap().face_property("label", &run).unwrap(), [3, 7]);
         }
     }
 
