@@ -239,6 +239,12 @@ impl Document {
                 format!("a list of {length} items is too long for the type of its count"),
                 "write the mesh in the input's own encoding",
             ),
+            Fault::Text(text) => Error::malformed(
+                &self.path,
+                place,
+                format!("{text} does not go with the type of its property"),
+                "write the mesh in the input's own encoding",
+            ),
             _ => Error::malformed(&self.path, place, "the file changed while it was in use", CUT_SHORT),
         }
     }
@@ -410,6 +416,25 @@ mod tests {
             assert_eq!((text.matches("element").count(), text.matches("element face 2\n").count()), (2, 1), "{text}");
             assert_eq!(open(&out, dir.path(), &run).unwrap().face_property("label", &run).unwrap(), [3, 7]);
         }
+    }
+
+    #[test]
+    fn vertices_beyond_the_type_of_their_list_are_refused_in_binary() {
+        // Regression: 256 became 0, and the faces of the output were others.
+        let dir = tempfile::tempdir().unwrap();
+        let (run, path, out) = (Run::new(&()), dir.path().join("a.ply"), dir.path().join("b.ply"));
+        let header = MESH.split_once("property float heat").unwrap().0.replace("vertex 4", "vertex 257");
+        let header = header.replace("uchar int", "uchar uchar").replace("face 2", "face 1");
+        let points: String = (0..257).map(|v| format!("{v} 0 {}\n", v % 2)).collect();
+        std::fs::write(&path, format!("{header}end_header\n{points}3 0 255 256\n")).unwrap();
+        let mesh = open(&path, dir.path(), &run).unwrap();
+        let labelling = Labelling { labels: &[0], colours: &[], quality: None, names: &[] };
+        write_labelled(&mesh, &out, &labelling, PlyForm::Ascii, &run).unwrap();
+        let said = write_labelled(&mesh, &out, &labelling, PlyForm::Binary, &run).unwrap_err().to_string();
+        assert!(
+            said.contains("face 0: vertex 256 does not go with the type") && said.contains("own encoding"),
+            "{said}"
+        );
     }
 
     #[test]

@@ -316,9 +316,11 @@ impl LabelledWriter<'_> {
                 cursor = write_piece(&pieces[0], cursor.at(), out)?;
                 continue;
             }
-            for (property, &kept) in element.properties.iter().zip(&kept) {
+            for (k, (property, &kept)) in element.properties.iter().zip(&kept).enumerate() {
                 let start = cursor.seek();
-                let moved = if kept && !verbatim {
+                let moved = if is_face && k == document.list && !verbatim {
+                    encoder.vertices(&mut cursor, property.kind, Some, &mut out.buffer)
+                } else if kept && !verbatim {
                     encoder.value(&mut cursor, property.kind, &mut out.buffer)
                 } else {
                     cursor.skip_value(property.kind)

@@ -249,15 +249,8 @@ impl<'a> RearrangedWriter<'a> {
 
     /// A list of corners, with the vertices' new numbers.
     fn corners<C: Cursor<'a>>(&self, cursor: &mut C, kind: Kind, out: &mut Vec<u8>) -> Result<(), Fault> {
-        let Kind::List { count, item } = kind else { return Err(Fault::End) };
-        let length = cursor.length(count)?;
-        self.encoder.length(count, length, out)?;
-        for _ in 0..length {
-            let v = cursor.integer(item)?;
-            let new = usize::try_from(v).ok().and_then(|v| self.order.numbers.get(v)).ok_or(Fault::End)?;
-            self.encoder.integer(item, i64::from(*new), out);
-        }
-        Ok(())
+        let new = |v: i64| self.order.numbers.get(usize::try_from(v).ok()?).map(|&new| i64::from(new));
+        self.encoder.vertices(cursor, kind, new, out)
     }
 
     /// An edge's end; what is no vertex stays as it is.

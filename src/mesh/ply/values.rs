@@ -229,6 +229,28 @@ impl Encoder {
         }
     }
 
+    /// Reads a list of vertices and writes it, as `new` numbers them, unless a number is beyond its type: in text it
+    /// need not fit.
+    pub(super) fn vertices<'b, C: Cursor<'b>>(
+        self,
+        cursor: &mut C,
+        kind: Kind,
+        new: impl Fn(i64) -> Option<i64>,
+        out: &mut Vec<u8>,
+    ) -> Result<(), Fault> {
+        let Kind::List { count, item } = kind else { return Err(Fault::End) };
+        let length = cursor.length(count)?;
+        self.length(count, length, out)?;
+        for _ in 0..length {
+            let v = new(cursor.integer(item)?).ok_or(Fault::End)?;
+            if v as u64 > item.greatest() && self.target != Encoding::Ascii {
+                return Err(Fault::Text(format!("vertex {v}")));
+            }
+            self.integer(item, v, out);
+        }
+        Ok(())
+    }
+
     /// Writes the length of a list, unless it is too long for its type.
     pub(super) fn length(self, count: Scalar, length: u64, out: &mut Vec<u8>) -> Result<(), Fault> {
         if length > count.greatest() && self.target != Encoding::Ascii {
