@@ -151,7 +151,8 @@ impl Document {
     }
 
     /// Calls `visit(face, numbers)` for every face in order, with the integers of the properties called `names`, such
-    /// as a label and a colour; a name that no property has gives 0.
+    /// as a label and a colour; a name that no property has gives 0. Floating-point numbers lose their fraction, and
+    /// NaN is -1.
     ///
     /// # Errors
     /// Those of `visit`; [`Error::Malformed`] should the file have changed since it was opened; [`Error::Cancelled`].
@@ -336,7 +337,11 @@ trait Number: Copy + Default {
 
 impl Number for i64 {
     fn read<'a, C: Cursor<'a>>(cursor: &mut C, of: Scalar) -> Result<Self, Fault> {
-        cursor.integer(of)
+        if !of.is_real() {
+            return cursor.integer(of);
+        }
+        // No label, as negative ones are.
+        cursor.real(of).map(|x| if x.is_nan() { -1 } else { x as Self })
     }
 }
 
@@ -435,6 +440,30 @@ mod tests {
             said.contains("face 0: vertex 256 does not go with the type") && said.contains("own encoding"),
             "{said}"
         );
+    }
+
+    #[test]
+    fn labels_of_floating_point_are_read_alike_from_text_and_binary() {
+        // Regression: NaN was label 0 in binary files; text with it, and 1.5, was told to be cut short.
+        let dir = tempfile::tempdir().unwrap();
+        let (run, path, out) = (Run::new(&()), dir.path().join("a.ply"), dir.path().join("b.ply"));
+        for (values, expected) in [("nan -3.5", [[-1, 0], [-3, 0]]), ("1.5 1e30", [[1, 0], [i64::MAX, 0]])] {
+            let (first, second) = values.split_once(' ').unwrap();
+            let text = MESH.replace(" .5 7", &format!(" {first} 7")).replace(" .25 -1", &format!(" {second} -1"));
+            std::fs::write(&path, text).unwrap();
+            let mesh = open(&path, dir.path(), &run).unwrap();
+            let labelling = Labelling { labels: &[0, 0], colours: &[], quality: None, names: &[] };
+            write_labelled(&mesh, &out, &labelling, PlyForm::Binary, &run).unwrap();
+            for path in [&path, &out] {
+                let (mesh, mut read) = (open(path, dir.path(), &run).unwrap(), Vec::new());
+                let push = |_, numbers: [i64; 2]| {
+                    read.push(numbers);
+                    Ok(())
+                };
+                mesh.document().unwrap().for_each_face(["heat", "none"], &run, push).unwrap();
+                assert_eq!(read, expected, "{}", path.display());
+            }
+        }
     }
 
     #[test]
