@@ -142,6 +142,7 @@ fn measured(m: &MeshMeasures) -> String {
             Some(volume) if volume < 0. => format!("{:.6}, wound inwards", Significant(-volume)),
             Some(volume) => format!("{:.6}", Significant(volume)),
             None if m.all.open_edges > 0 => "none: the surface is open".into(),
+            None if m.degenerate_faces > 0 => "none: faces are not wound one way, or lack a place in space".into(),
             None => "none: the faces are not wound one way".into(),
         },
     ));

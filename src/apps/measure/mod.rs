@@ -69,6 +69,8 @@ struct Faces<'a> {
     labels: Option<&'a [u32]>,
     neighbours: Csr<'a>,
     unit: Unit,
+    /// Whether no face is degenerate, so that none need be looked at for its place in space.
+    whole: bool,
 }
 
 /// What a chunk of faces has: sums by label, and the open edges.
@@ -77,6 +79,11 @@ type Share = (BTreeMap<u32, Sums>, Vec<[[u64; 3]; 2]>);
 impl Faces<'_> {
     fn label(&self, face: usize) -> u32 {
         self.labels.map_or(0, |labels| labels[face])
+    }
+
+    /// Whether all of a face's `corners` lie in space: other faces have no area.
+    fn is_in_space(&self, corners: &[u32]) -> bool {
+        self.whole || corners.iter().all(|&v| finite(self.mesh.positions.get(v)))
     }
 
     /// The neighbour across the edge from `a` to `b` of `face`: one of another label before one of the same, and one
@@ -107,7 +114,9 @@ impl Faces<'_> {
             let label = self.label(face);
             let mine = sums.entry(label).or_default();
             mine.faces += 1;
-            self.mesh.fan(corners, |_, at| mine.triangle(at.map(|p| self.unit.place(p))));
+            if self.is_in_space(corners) {
+                self.mesh.fan(corners, |_, at| mine.triangle(at.map(|p| self.unit.place(p))));
+            }
             for (k, &v) in corners.iter().enumerate() {
                 let ends = [v, corners[if k + 1 == corners.len() { 0 } else { k + 1 }]];
                 let [from, to] = ends.map(|v| self.mesh.positions.get(v));
@@ -123,7 +132,11 @@ impl Faces<'_> {
                         }
                     }
                     Some((other, along)) => {
-                        mine.clashes += u64::from(along);
+                        // Beside a face without a place there is a hole, which has no open edges.
+                        let is_hole = || {
+                            !self.whole && !self.mesh.faces.with(other as usize, |corners| self.is_in_space(corners))
+                        };
+                        mine.clashes += u64::from(along || is_hole());
                         let other = self.label(other as usize);
                         if other != label {
                             *mine.borders.entry(other).or_default() += self.unit.distance(from, to);
@@ -169,7 +182,8 @@ fn sums(
     let bytes = OPEN * graph.facts.boundary_edges;
     let grant = if wants_loops { context.run.budget.take("open edges", bytes, bytes).ok() } else { None };
     let unit = Unit::of(&graph.facts.frame);
-    let faces = Faces { mesh, labels, neighbours: graph.edges.by_shared_edge(), unit };
+    let whole = graph.facts.degenerate_faces == 0;
+    let faces = Faces { mesh, labels, neighbours: graph.edges.by_shared_edge(), unit, whole };
     let (mut all, mut open) = (BTreeMap::<u32, Sums>::new(), Vec::new());
     let mut granted = Vec::new();
     let n = mesh.faces.len();
@@ -305,6 +319,18 @@ mod tests {
         // Of the surface: a² = Σ over the six faces of the second moment along z over the area.
         let along_z = (2. * 2. * 4. + (2. * 4. * 2. + 2. * 4. * 1.) * 16. / 12.) / 28.;
         assert!((all.all.spread[0] - f64::sqrt(along_z)).abs() < 1e-9, "{all:?}");
+    }
+
+    #[test]
+    fn faces_without_a_place_have_no_area_and_leave_a_hole() {
+        // Regression: a cube of which three sides were lost had a volume, two thirds of its own, and parts of these
+        // sides had an area.
+        let (mut points, _) = cuboid([0.; 3], [1.; 3]);
+        points[7][0] = f64::NAN;
+        let quads = [[0u32, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let all = with(|context| mesh(&Mesh::from_slices(&points, &quads).unwrap(), context)).unwrap();
+        assert_eq!((all.degenerate_faces, all.all.open_edges, all.all.volume), (3, 0, None), "{all:?}");
+        assert!((all.all.area - 3.).abs() < 1e-12, "{all:?}");
     }
 
     #[test]
