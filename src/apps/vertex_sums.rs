@@ -39,7 +39,7 @@ fn angle(across: f64, along: f64) -> f64 {
 /// Calls `visit(corner, its vertex, normal of the face, angle)` for the corners of `faces`.
 pub(super) fn each_corner(mesh: &Mesh, faces: Range<usize>, mut visit: impl FnMut(u32, [f64; 3], f64)) {
     mesh.faces.for_each(faces, |_, corners| {
-        mesh.fan(corners, |corners, at| {
+        mesh.triangles(corners, |corners, at| {
             let normal = double_area(at);
             let area = length(normal);
             let normal = if area > 0.0 { normal.map(|x| x / area) } else { [0.0; 3] };
@@ -97,7 +97,7 @@ impl VertexSums {
         let chunk = |k, (): &mut ()| {
             let (mut creased, mut all) = (0., 0.);
             mesh.faces.for_each(chunk_range(n, CHUNK, k * step), |_, corners| {
-                mesh.fan(corners, |corners, at| {
+                mesh.triangles(corners, |corners, at| {
                     let normal = double_area(at);
                     let area = length(normal);
                     let steep = |&v: &u32| self.normal(v).is_some_and(|mean| dot(mean, normal) < SMOOTH * area);

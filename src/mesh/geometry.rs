@@ -6,6 +6,7 @@
 //! they are. Nothing is allocated per face; a face costs 13 bytes of mapped file read, a position 12 or more.
 
 use super::ply::document::Document;
+use super::polygon;
 use super::positions::{Positions, StridedLayout, check_fit, four};
 use crate::base::vector::finite;
 use crate::base::{Error, Result};
@@ -371,6 +372,22 @@ impl Mesh {
             hash.update(bytemuck::cast_slice(&block));
         }
         hash.digest()
+    }
+
+    /// Calls `visit(corners, positions)` for the [triangles](polygon::triangles) of a face's `corners`; those without a
+    /// place in space are left out.
+    #[inline]
+    pub fn triangles(&self, corners: &[u32], mut visit: impl FnMut([u32; 3], [[f64; 3]; 3])) {
+        if corners.len() <= 3 {
+            return self.fan(corners, visit);
+        }
+        let at = |k: usize| self.positions.get(corners[k]);
+        polygon::triangles_of(corners.len(), at, |numbers| {
+            let places = numbers.map(at);
+            if places.iter().all(|&p| finite(p)) {
+                visit(numbers.map(|k| corners[k]), places);
+            }
+        });
     }
 
     /// Calls `visit(corners, positions)` for the triangles of the fan of a face's `corners`; those without a place in

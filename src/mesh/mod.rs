@@ -11,6 +11,7 @@ pub mod import;
 pub mod open;
 pub(crate) mod output;
 pub mod ply;
+pub mod polygon;
 pub mod positions;
 pub mod seg;
 pub mod size;

@@ -8,7 +8,7 @@ use super::data::{Edit, Edits, Place};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
 use crate::base::vector::{finite, minus, triangle_distance};
 use crate::base::{Error, Result};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use std::sync::Mutex;
 
@@ -180,13 +180,13 @@ fn nearest(mesh: &Mesh, extent: &Extent, points: &[[f64; 3]], run: &Run) -> Resu
                     if least > best.0 {
                         continue;
                     }
-                    for k in 1..at.len().saturating_sub(1) {
-                        let triangle = [at[0], at[k], at[k + 1]];
+                    polygon::triangles(at, |triangle| {
+                        let triangle = triangle.map(|k| at[k]);
                         if triangle.iter().all(|&corner| finite(corner)) {
                             // No less than what was enough to pass the face over, lest the order of faces decide.
                             keep(best, (triangle_distance(triangle, p).max(least), face as u32));
                         }
-                    }
+                    });
                 }
             });
             Ok(())

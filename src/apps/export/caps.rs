@@ -11,14 +11,11 @@
 
 use crate::base::Result;
 use crate::base::sort::sort_by;
-use crate::base::vector::{cross, distance, dot, length, minus, position_key, unit};
-use crate::mesh::Mesh;
+use crate::base::vector::{distance, position_key};
+use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use earcut::Earcut;
 use std::collections::{BTreeSet, HashMap};
-
-/// Relative deviation of areas up to which an ear clipping is one without folds.
-const FOLDS: f64 = 1e-6;
 
 /// A corner of a cap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -116,37 +113,8 @@ fn canonical(mut ring: Vec<u32>) -> (Vec<u32>, bool) {
 /// edge of it once and do not fold.
 fn clipped(ring: &[u32], at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<Vec<[u32; 3]>> {
     let n = ring.len();
-    let spokes: Vec<[f64; 3]> = at.iter().map(|&p| minus(p, at[0])).collect();
-    let mut normal = [0.; 3];
-    for pair in spokes.windows(2) {
-        let area = cross(pair[0], pair[1]);
-        (0..3).for_each(|k| normal[k] += area[k]);
-    }
-    let size = length(normal);
-    if !size.is_normal() {
-        return None;
-    }
-    let normal = normal.map(|x| x / size);
-    let least = (0..3).min_by(|&i, &j| normal[i].abs().total_cmp(&normal[j].abs())).unwrap_or(0);
-    let mut axis = [0.; 3];
-    axis[least] = 1.;
-    let u = unit(cross(normal, axis));
-    let v = cross(normal, u);
-    let flat: Vec<[f64; 2]> = spokes.iter().map(|&p| [dot(p, u), dot(p, v)]).collect();
-    let mut corners: Vec<u32> = Vec::new();
-    clipper.earcut_slice(&flat, &[], &mut corners);
-    let mut triangles: Vec<[u32; 3]> = corners.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
-    let double = |t: &[u32; 3]| {
-        let [a, b, c] = t.map(|k| flat[k as usize]);
-        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    };
-    if triangles.len() + 2 != n || (triangles.iter().map(|t| double(t).abs()).sum::<f64>() - size).abs() > FOLDS * size
-    {
-        return None;
-    }
-    if triangles.iter().map(double).sum::<f64>() > 0. {
-        triangles.iter_mut().for_each(|t| t.swap(1, 2));
-    }
+    let mut triangles = polygon::clipped(at, clipper)?;
+    triangles.iter_mut().for_each(|t| t.swap(1, 2));
     let mut edges: Vec<[u32; 2]> = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
     let (mut rim, flaws) = without_partner(&mut edges);
     sort_by(&mut rim, |a, b| a[1].cmp(&b[1]));
@@ -244,6 +212,7 @@ fn weld(mesh: &Mesh, open: &mut [[u32; 2]]) -> (bool, Vec<[u32; 2]>, u64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::vector::{cross, dot};
 
     fn caps(points: &[[f64; 3]], faces: &[Vec<u32>]) -> (Mesh, Caps) {
         let triangles: Vec<[u32; 3]> = faces.iter().map(|f| [f[0], f[1], f[2]]).collect();

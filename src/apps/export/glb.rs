@@ -3,7 +3,7 @@
 //! Nodes are named "part 0" and so on and carry label, area and number of faces, so that parts are objects of their
 //! own where the scene is opened. All share the vertices, which are written once; each has its own indices (32 bits),
 //! so a triangle costs 12 bytes and a vertex 12, or 24 with its normal. Normals are written where the surface is
-//! smooth; without them, as of a box, programs draw faces flat. Polygons become fans of triangles, in the order of the
+//! smooth; without them, as of a box, programs draw faces flat. Polygons become triangles, in the order of the
 //! file. Faces with a coordinate that is no finite number are left out: the format has none. Double coordinates are
 //! written relative to their middle, which the node's translation adds again. Cost: one pass over the vertices and one
 //! per part over the labels.
@@ -164,7 +164,7 @@ impl<'a> Scene<'a> {
                 let count = counts.entry(labelling.labels[face]).or_default();
                 count.0 += (corners.len() as u64).saturating_sub(2);
                 count.1 += 1;
-                mesh.fan(corners, |_, at| count.2 += area(at));
+                mesh.triangles(corners, |_, at| count.2 += area(at));
             });
             Ok(counts)
         })?;
@@ -281,9 +281,13 @@ impl<'a> Scene<'a> {
                     if !self.whole && !corners.iter().all(|&v| self.is_in_space(v)) {
                         return;
                     }
-                    for k in 1..corners.len().saturating_sub(1) {
-                        let triangle = [corners[0], corners[k], corners[k + 1]].map(u32::to_le);
-                        out.buffer.extend_from_slice(bytemuck::cast_slice(&triangle));
+                    let mut write = |triangle: [u32; 3]| {
+                        out.buffer.extend_from_slice(bytemuck::cast_slice(&triangle.map(u32::to_le)));
+                    };
+                    match *corners {
+                        // Without a look at its positions.
+                        [a, b, c] => write([a, b, c]),
+                        _ => self.mesh.triangles(corners, |triangle, _| write(triangle)),
                     }
                 });
                 out.settle()?;

@@ -8,7 +8,7 @@
 use crate::base::vector::{area, finite};
 use crate::base::{Error, Result};
 use crate::mesh::output::publish;
-use crate::mesh::{Labelling, Mesh};
+use crate::mesh::{Labelling, Mesh, polygon};
 use crate::store::Run;
 use crate::store::budget::Grant;
 use bytes::Bytes;
@@ -136,8 +136,8 @@ pub struct Coordinates<'a> {
     pub dimensions: usize,
 }
 
-/// Area and centroid of a polygon, as a fan of triangles; of one without area, the mean of its corners. One with a
-/// corner whose coordinates are not finite has none, and the mean is that of the others.
+/// Area and centroid of a polygon, as [triangles](polygon::triangles); of one without area, the mean of its corners.
+/// One with a corner whose coordinates are not finite has none, and the mean is that of the others.
 ///
 /// ```
 /// use nystrom_stream::apps::export::parquet::measure;
@@ -153,14 +153,14 @@ pub fn measure(corners: &[[f64; 3]]) -> (f64, [f64; 3]) {
     if placed < corners.len() {
         return (0., if placed > 0 { mean } else { [f64::NAN; 3] });
     }
-    let triangles = || (1..corners.len().saturating_sub(1)).map(|k| [corners[0], corners[k], corners[k + 1]]);
-    triangles().for_each(|triangle| whole += area(triangle));
+    polygon::triangles(corners, |triangle| whole += area(triangle.map(|k| corners[k])));
     // Moments of very large or small ones leave the doubles.
     let unit = if (1e-150..1e150).contains(&whole) { 1. } else { whole };
-    for [a, b, c] in triangles() {
+    polygon::triangles(corners, |triangle| {
+        let [a, b, c] = triangle.map(|k| corners[k]);
         let part = area([a, b, c]) / unit;
         (0..3).for_each(|axis| moment[axis] += part * (a[axis] + b[axis] + c[axis]) / 3.);
-    }
+    });
     let centroid = moment.map(|x| x / (whole / unit));
     (whole, if whole > 0. && finite(centroid) { centroid } else { mean })
 }

@@ -34,7 +34,7 @@ pub enum PartForm {
     Binary,
     /// PLY of text.
     Text,
-    /// Binary STL: triangles alone, polygons as fans, coordinates as floats.
+    /// Binary STL: triangles alone, coordinates as floats.
     Stl,
 }
 
@@ -316,7 +316,7 @@ impl Splitter<'_> {
     fn solid(&self, part: u32, caps: &Caps, out: &mut Gather) -> Result<Facets> {
         let mut triangles = caps.triangles.len() as u64;
         self.each(part, |_, corners| {
-            self.mesh.fan(corners, |_, _| triangles += 1);
+            self.mesh.triangles(corners, |_, _| triangles += 1);
             Ok(())
         })?;
         let Ok(count) = u32::try_from(triangles) else {
@@ -337,7 +337,7 @@ impl Splitter<'_> {
             out.extend_from_slice(&[0; 2]);
         };
         self.each(part, |_, corners| {
-            self.mesh.fan(corners, |_, at| facet(at, &mut out.buffer));
+            self.mesh.triangles(corners, |_, at| facet(at, &mut out.buffer));
             out.settle()
         })?;
         for corners in &caps.triangles {

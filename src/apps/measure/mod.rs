@@ -115,7 +115,7 @@ impl Faces<'_> {
             let mine = sums.entry(label).or_default();
             mine.faces += 1;
             if self.is_in_space(corners) {
-                self.mesh.fan(corners, |_, at| mine.triangle(at.map(|p| self.unit.place(p))));
+                self.mesh.triangles(corners, |_, at| mine.triangle(at.map(|p| self.unit.place(p))));
             }
             for (k, &v) in corners.iter().enumerate() {
                 let ends = [v, corners[if k + 1 == corners.len() { 0 } else { k + 1 }]];
@@ -319,6 +319,18 @@ mod tests {
         // Of the surface: a² = Σ over the six faces of the second moment along z over the area.
         let along_z = (2. * 2. * 4. + (2. * 4. * 2. + 2. * 4. * 1.) * 16. / 12.) / 28.;
         assert!((all.all.spread[0] - f64::sqrt(along_z)).abs() < 1e-9, "{all:?}");
+    }
+
+    #[test]
+    fn concave_polygons_are_measured_as_they_are() {
+        // Regression: the fan of the upper L had an area of 9 instead of 5, and its centroid lay elsewhere.
+        let ell = [[3., 0.], [3., 1.], [1., 1.], [1., 3.], [0., 3.], [0., 0.]];
+        let points: Vec<[f64; 3]> = [0., 1.].iter().flat_map(|&z| ell.map(|[x, y]| [x, y, z])).collect();
+        let mut faces: Vec<Vec<u32>> = vec![(0..6).rev().collect(), (6..12).collect()];
+        faces.extend((0..6).map(|k| vec![k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6]));
+        let all = with(|context| mesh(&Mesh::from_slices(&points, &faces).unwrap(), context)).unwrap();
+        assert!((all.all.area - 22.).abs() < 1e-12 && (all.all.volume.unwrap() - 5.).abs() < 1e-12, "{all:?}");
+        assert!((all.all.centroid[2] - 0.5).abs() < 1e-12, "{all:?}");
     }
 
     #[test]

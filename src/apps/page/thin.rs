@@ -7,7 +7,7 @@
 use crate::apps::edits::bounds;
 use crate::base::Result;
 use crate::base::vector::{self, finite};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use std::collections::{HashMap, HashSet};
 
@@ -51,8 +51,8 @@ impl Thin {
         let mut thin = Self { bounds, ..Self::default() };
         for_faces(mesh, run, |face, corners, positions| {
             let at: Vec<u32> = corners.iter().zip(positions).map(|(&v, &p)| merged.vertex(v, p)).collect();
-            for k in 1..at.len().saturating_sub(1) {
-                let triangle = [at[0], at[k], at[k + 1]];
+            polygon::triangles(positions, |triangle| {
+                let triangle = triangle.map(|k| at[k]);
                 let mut sorted = triangle;
                 sorted.sort_unstable();
                 let flat = sorted[0] == sorted[1] || sorted[1] == sorted[2];
@@ -60,7 +60,7 @@ impl Thin {
                     thin.triangles.push(triangle);
                     thin.faces.push(face as u32);
                 }
-            }
+            });
         })?;
         thin.positions = merged.sums.iter().map(|sum| [0, 1, 2].map(|k| sum[k] / sum[3])).collect();
         Ok(thin)
@@ -116,9 +116,7 @@ fn for_faces(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32], &[[f64
 fn area(mesh: &Mesh, run: &Run) -> Result<f64> {
     let mut area = 0.;
     for_faces(mesh, run, |_, _, at| {
-        for k in 1..at.len().saturating_sub(1) {
-            area += vector::area([at[0], at[k], at[k + 1]]);
-        }
+        polygon::triangles(at, |triangle| area += vector::area(triangle.map(|k| at[k])));
     })?;
     Ok(area)
 }

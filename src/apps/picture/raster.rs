@@ -21,13 +21,13 @@ const DRAWN: usize = 1 << 8;
 /// Calls `visit(face, its corners, their positions)` for the triangles of `faces`, in order.
 #[inline]
 pub(super) fn each_triangle(mesh: &Mesh, faces: Range<usize>, mut visit: impl FnMut(usize, [u32; 3], [Vec3; 3])) {
-    mesh.faces.for_each(faces, |face, corners| mesh.fan(corners, |c, p| visit(face, c, p)));
+    mesh.faces.for_each(faces, |face, corners| mesh.triangles(corners, |c, p| visit(face, c, p)));
 }
 
 /// Calls `visit(corners, positions)` for the triangles of one face.
 #[inline]
 pub(super) fn triangles_of(mesh: &Mesh, face: usize, visit: impl FnMut([u32; 3], [Vec3; 3])) {
-    mesh.faces.with(face, |corners| mesh.fan(corners, visit));
+    mesh.faces.with(face, |corners| mesh.triangles(corners, visit));
 }
 
 /// A cell that nothing covers.

@@ -53,18 +53,17 @@ impl UnitFrame {
 
     /// Calls `visit(face, triangle)` with the triangles, in the frame, of the faces of `range` that lie in space.
     pub fn triangles(&self, mesh: &Mesh, range: Range<usize>, mut visit: impl FnMut(u32, [[f32; 3]; 3])) {
-        let place = |v: u32| {
-            let p = mesh.positions.get(v);
+        let place = |p: [f64; 3]| {
             let at = |k: usize| ((p[k] - self.middle[k]) / self.scale) as f32;
             [at(0), at(1), at(2)]
         };
         mesh.faces.for_each(range, |face, corners| {
-            for k in 1..corners.len().saturating_sub(1) {
-                let triangle = [place(corners[0]), place(corners[k]), place(corners[k + 1])];
+            mesh.triangles(corners, |_, at| {
+                let triangle = at.map(place);
                 if triangle.iter().flatten().all(|x| x.is_finite()) {
                     visit(face as u32, triangle);
                 }
-            }
+            });
         });
     }
 }
