@@ -146,10 +146,14 @@ impl LabelledFile<'_> {
             let options = options.form.into();
             return LabelledFile { mesh: &whole.mesh, labelling: &labelling, options, run }.write_arrays(path, writer);
         }
+        // First, since the tally takes all that is left.
+        let held = if options.vertex_labels { mesh.positions.len() } else { 0 };
+        let bytes = (held * size_of::<Option<u32>>()) as u64;
+        let _grant = run.budget.take("labels of vertices", bytes, bytes)?;
+        let mut voted = Vec::with_capacity(held);
         let mut votes = options.vertex_labels.then(|| VertexLabels::new(mesh, labelling.labels, run)).transpose()?;
-        let mut voted = Vec::new();
         if let Some(votes) = &mut votes {
-            for v in 0..mesh.positions.len() {
+            for v in 0..held {
                 voted.push(votes.get(v)?);
             }
         }
@@ -347,5 +351,27 @@ impl LabelledWriter<'_> {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Budget;
+
+    #[test]
+    fn labels_of_the_vertices_of_arrays_come_from_the_budget() {
+        // Regression: eight bytes per vertex were held beyond it.
+        let points = vec![[0f32; 3]; 1 << 16];
+        let mesh = Mesh::from_vecs(points, vec![[0, 1, 2]]).unwrap();
+        let labelling = Labelling { labels: &[5], colours: &[], quality: None, names: &[] };
+        let options = PlyOptions { vertex_labels: true, ..PlyOptions::default() };
+        let written = |bytes: u64| {
+            let (mut out, run) = (Vec::new(), Run { budget: Budget::new(bytes), ..Run::new(&()) });
+            write_labelled_to(&mesh, "x.ply", &mut out, &labelling, options, &run).map(|()| out)
+        };
+        assert!(matches!(written(500_000), Err(Error::Memory { .. })));
+        // The tally goes in blocks.
+        assert_eq!(written(700_000).unwrap(), written(1 << 30).unwrap());
     }
 }
