@@ -7,7 +7,8 @@
 //! length of its cut edges. (That program averages both directions into one mean, which is about half of this.) Two
 //! labellings without cuts have discrepancy 0, one with and one without have none (`None`). Where a component of the
 //! mesh has cuts of one labelling only, the distance is the straight line. Open edges at exactly the same position are
-//! one edge, as where parts are found: faces of an STL file share no vertices.
+//! one edge, as where parts are found: faces of an STL file share no vertices. A vertex that has no position is on no
+//! cut.
 //!
 //! Cost: areas one pass over the faces, 8 bytes per face; edges a counting sort of the half-edges, about 0.2 µs and at
 //! most 90 bytes per face in memory; where open edges are welded a sort of these, 16 bytes each, 4 bytes per vertex,
@@ -306,6 +307,8 @@ impl BoundaryField {
                 ends.iter().for_each(|&v| *weights.entry(v).or_default() += half);
             }
         }
+        // No distance leads to a vertex without a position.
+        weights.retain(|&v, _| finite(edges.positions[v as usize]));
         let points: Vec<(u32, f64)> = weights.into_iter().collect();
         let field = if points.is_empty() { Vec::new() } else { distances(edges, &points, cancel)? };
         Ok(Self { points, field })
@@ -473,5 +476,21 @@ mod tests {
         // Two strips end to end are one, as where parts are found.
         let seam = Evaluator::of(&strip(&[0., 4.], 4)).unwrap().edges.unwrap();
         assert_eq!(field(&seam, &halves(16, 4)).points, [(8, 0.5), (9, 0.5)]);
+    }
+
+    #[test]
+    fn a_cut_through_a_vertex_without_a_position_is_measured_by_its_others() {
+        // Regression: the discrepancy was that of no cuts at all.
+        for lost in [f64::NAN, f64::INFINITY] {
+            let mesh = strip(&[0.], 10);
+            let mut corners: Vec<[f64; 3]> = (0..22).map(|v| mesh.positions.get(v)).collect();
+            corners[7][1] = lost;
+            let mut faces = Vec::new();
+            mesh.faces.for_each(0..20, |_, corners| faces.push([corners[0], corners[1], corners[2]]));
+            let edges = Evaluator::of(&Mesh::from_slices(&corners, &faces).unwrap()).unwrap().edges.unwrap();
+            let (one, other) = (field(&edges, &halves(20, 3)), field(&edges, &halves(20, 7)));
+            assert_eq!(one.points.len(), 1);
+            assert!(discrepancy(&edges, &one, &other).is_some_and(|found| found > 0.), "{lost}");
+        }
     }
 }
