@@ -120,7 +120,8 @@ fn one(labels: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
     let surface = match args.mesh.as_deref().or(is_ply.then_some(labels)) {
         Some(path) => {
             let mesh = mesh::open(path, scratch.path(), run)?;
-            if args.no_cuts { Evaluator::without_edges(&mesh) } else { Evaluator::of(&mesh)? }
+            let all = || Evaluator::stopped_by(&mesh, run.cancel.clone());
+            if args.no_cuts { Evaluator::without_edges(&mesh) } else { all()? }
         }
         None => Evaluator::of_faces(own.len()),
     };

@@ -117,7 +117,8 @@ impl Benchmark {
         let scratch = private_folder(&std::env::temp_dir())?;
         let run = Run { threads: 1, cancel: run.cancel.clone(), ..Run::new(&()) };
         let mesh = mesh::open(&self.folder.join(format!("{}.ply", model.name)), scratch.path(), &run)?;
-        let surface = if cuts { Evaluator::of(&mesh)? } else { Evaluator::without_edges(&mesh) };
+        let all = || Evaluator::stopped_by(&mesh, run.cancel.clone());
+        let surface = if cuts { all()? } else { Evaluator::without_edges(&mesh) };
         let truths = self.truths(&model.name)?;
         let truths: Vec<Segmentation> =
             truths.iter().map(|(path, labels)| fitting(&surface, path, labels)).collect::<Result<_>>()?;
