@@ -99,7 +99,7 @@ impl SamplingQuality {
         Self::default()
     }
 
-    /// Numbers of landmarks to measure.
+    /// Numbers of landmarks to measure; more than there are faces are all faces.
     #[must_use]
     pub fn landmarks(mut self, counts: impl Into<Vec<usize>>) -> Self {
         self.params.landmarks = counts.into();

@@ -261,6 +261,19 @@ fn every_sampling_finds_distinct_landmarks_the_same_on_matrix_and_graph() {
 }
 
 #[test]
+fn more_landmarks_than_nodes_are_all_nodes_and_no_sample_counts_double() {
+    // Regression: 300 and 400 landmarks of fewer nodes were two samples alike, of centroids four, in means and
+    // deviations too; so was a sampling that was named twice.
+    let small = small(Metric::default(), 5000);
+    let n = small.ground.len();
+    let samplings = vec![Sampling::Uniform, Sampling::Centroids, Sampling::Uniform];
+    let params = CompareParams::default().samplings(samplings).landmarks(vec![n - 1, n + 1, n + 2]).seeds(vec![3, 3]);
+    let found: Vec<_> = small.compare(&params).iter().map(|record| (record.sampling, record.l)).collect();
+    let of = |sampling| [(sampling, n - 1), (sampling, n)];
+    assert_eq!(found, [of(Sampling::Uniform), of(Sampling::Centroids)].concat());
+}
+
+#[test]
 fn greedy_sampling_takes_the_candidate_of_greatest_gamma() {
     let small = small(Metric::Geodesic, 5000);
     let (ground, n) = (&small.ground, small.ground.len());

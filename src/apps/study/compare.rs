@@ -134,7 +134,8 @@ pub struct SampleRecord {
 /// Eigenvectors that [`SampleRecord::exact`] compares, at the most.
 pub const VECTORS: usize = 6;
 
-/// Runs all of it on `ground`, the mesh called `mesh`.
+/// Runs all of it on `ground`, the mesh called `mesh`: one record per sampling, number of landmarks and seed. More
+/// landmarks than nodes are all nodes. What is asked for twice is measured once, so that no sample counts double.
 ///
 /// # Errors
 /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -145,12 +146,13 @@ pub fn compare(
     context: Context<'_>,
 ) -> Result<Vec<SampleRecord>> {
     params.check()?;
-    let most = params.landmarks.iter().copied().max().unwrap_or(0).min(ground.len());
+    let counts = each_once(params.landmarks.iter().map(|&l| l.min(ground.len())));
+    let most = counts.iter().copied().max().unwrap_or(0);
     let mut jobs = Vec::new();
-    for &sampling in &params.samplings {
-        let sizes: Vec<usize> = if sampling == Sampling::Centroids { params.landmarks.clone() } else { vec![most] };
-        for &seed in &params.seeds {
-            jobs.extend(sizes.iter().map(|&l| (sampling, seed, l.min(ground.len()))));
+    for sampling in each_once(params.samplings.iter().copied()) {
+        let sizes = if sampling == Sampling::Centroids { counts.clone() } else { vec![most] };
+        for seed in each_once(params.seeds.iter().copied()) {
+            jobs.extend(sizes.iter().map(|&l| (sampling, seed, l)));
         }
     }
     let bytes = 4 * (ground.len() * context.run.threads) as u64;
@@ -172,7 +174,7 @@ pub fn compare(
                 let (landmarks, search) = landmarks(ground, sampling, l, seed, params, &one)?;
                 let name = format!("rows-{k}.tmp");
                 let rows = Rows::of(ground, &landmarks, &name, Context::new(context.work, &one))?;
-                let sizes = params.landmarks.iter().map(|&size| size.min(ground.len()));
+                let sizes = counts.iter().copied();
                 let wanted = sizes.filter(|&size| sampling != Sampling::Centroids || size == l);
                 let records: Result<Vec<SampleRecord>> = wanted
                     .map(|l| {
@@ -189,6 +191,17 @@ pub fn compare(
     };
     let (records, _) = context.run.stage("compare", "samples", jobs.len() as u64, compute)?;
     Ok(records.into_iter().flatten().collect())
+}
+
+/// The given ones, each once, in their order.
+fn each_once<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
+    let mut once = Vec::new();
+    for one in all {
+        if !once.contains(&one) {
+            once.push(one);
+        }
+    }
+    once
 }
 
 /// Landmarks of a sampling, and for each the fronts that the search had cost when it was found, those aside whose
