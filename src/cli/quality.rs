@@ -136,6 +136,15 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
         .schur(args.exact && !args.compare))
 }
 
+/// What `meshes` are called in records: by their names without ending, or by their paths where several have one name,
+/// since samples of the same mesh are compared with each other.
+fn names(meshes: &[PathBuf]) -> Vec<String> {
+    let stem = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let is_shared = |name: &String| meshes.iter().filter(|other| stem(other) == *name).count() > 1;
+    let path = |path: &PathBuf| path.to_string_lossy().into_owned();
+    meshes.iter().map(|mesh| Some(stem(mesh)).filter(|name| !is_shared(name)).unwrap_or_else(|| path(mesh))).collect()
+}
+
 pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
     let params = params(args)?;
     check_places(&args.meshes, args.plot.iter().chain(&args.csv).chain(&args.json.json))?;
@@ -147,7 +156,7 @@ pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
         .matrix(if args.exact || args.compare || args.embedding { MOST } else { 0 })
         .lengths(params.samplings.iter().any(|sampling| sampling.needs_lengths()));
     let (mut records, mut errors) = (Vec::new(), Vec::new());
-    for path in &args.meshes {
+    for (path, name) in args.meshes.iter().zip(names(&args.meshes)) {
         let work = args.scratch.work(None, std::env::temp_dir, &run)?;
         let opened = open_file(path, work.path(), &run)?;
         let ground = StudyData::of(&opened, &input::identity(path)?, grounds, Context::new(&work, &run))?;
@@ -159,7 +168,6 @@ pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
             let (sampling, seed) = (params.samplings[0], params.seeds[0]);
             errors.push(embedding_errors(&ground, &params, sampling, seed, 6, &run)?);
         } else {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy();
             records.extend(compare(&ground, &name, &params, Context::new(&work, &run))?);
         }
     }

@@ -383,6 +383,29 @@ fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
 }
 
 #[test]
+fn meshes_of_one_name_are_compared_each_with_itself() {
+    // Regression: the samples of the second were compared with random ones of the first.
+    let dir = tempfile::tempdir().unwrap();
+    let folders = ["a", "b"].map(|name| dir.path().join(name));
+    folders.iter().for_each(|folder| std::fs::create_dir(folder).unwrap());
+    let first = common::zoo::dumbbell().write(&folders[0]);
+    let second = folders[1].join(first.file_name().unwrap());
+    std::fs::copy(common::zoo::moebius(20).write(dir.path()), &second).unwrap();
+    let other = dir.path().join("other.ply");
+    std::fs::copy(&second, &other).unwrap();
+    let compared = |second: &Path| {
+        let words =
+            ["quality", "--compare", "-q", "-l", "6", "--seeds", "2", "--sampling", "uniform,farthest", "--json"];
+        let output = common::run(&[&words[..], &[common::word(&first), common::word(second)]].concat());
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let meshes = json["runs"].as_array().unwrap().iter().map(|one| one["mesh"].as_str().unwrap().to_owned());
+        (json["summary"].clone(), meshes.collect::<std::collections::BTreeSet<_>>().len())
+    };
+    assert_eq!(compared(&second), compared(&other));
+    assert_eq!(compared(&second).1, 2);
+}
+
+#[test]
 fn the_commands_tell_compare_and_draw() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = common::zoo::dumbbell().write(dir.path());
