@@ -428,6 +428,8 @@ fn the_commands_tell_compare_and_draw() {
     assert_eq!(std::fs::read_to_string(&csv).unwrap().lines().count(), 17);
     assert!(std::fs::read_to_string(&svg).unwrap().starts_with("<svg"));
     assert!(std::fs::read(&png).unwrap().starts_with(b"\x89PNG"));
+    let text = run(&["quality", common::word(&mesh), "-q", "--nodes", "vertices"]);
+    assert!(text.contains("landmarks of") && !text.contains("faces"), "{text}");
     let text = run(&["quality", common::word(&mesh), "-q", "--local", "3", "--kernel", "gaussian"]);
     assert!(text.contains("local"), "{text}");
     let scatter = path("s.png");

@@ -136,7 +136,7 @@ pub fn one_to_text(record: &SampleRecord) -> String {
     let mut tell = |name: &str, value: String| {
         let _ = writeln!(text, "{name:28} {value}");
     };
-    tell("sampling", format!("{}, {} landmarks of {} faces", record.sampling.name(), record.l, record.nodes));
+    tell("sampling", format!("{}, {} landmarks of {} nodes", record.sampling.name(), record.l, record.nodes));
     tell("search", format!("{:.1} fronts besides the {} rows", record.search, record.l));
     tell("σ", record.sigma.map_or("local".into(), |sigma| format!("{sigma:.6}")));
     tell("Γ", format!("{:.6}", m.gamma));
