@@ -131,6 +131,8 @@ impl StudyData {
         // The distances of nodes from themselves are not of pairs.
         let own = matrix.as_ref().map_or(held_out.len(), |_| n) as u64;
         let mean = facts.sum / (facts.reached - own).max(1) as f64;
+        // Mapped arrays outlast their names; in a work directory that is kept they would stay for good.
+        ["lengths.npy", "held_out_rows.npy", "all_distances.npy"].iter().for_each(|name| context.work.remove(name));
         Ok(Self { nodes, graph, lengths, matrix, held_out, held_rows, mean })
     }
 
