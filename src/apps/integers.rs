@@ -3,7 +3,7 @@
 //! One pass over the mapped file; the vector made is all that is held. Labels can go to a file instead.
 
 use crate::base::{Error, Result};
-use crate::mesh::read_seg;
+use crate::mesh::seg::read_partial_seg;
 use crate::store::npy::{self, ArrayWriter};
 use crate::store::{MappedBytes, MappedSlice, WorkDir, npy_header};
 use std::ffi::OsStr;
@@ -61,9 +61,9 @@ fn each_integer<R>(
     Ok(())
 }
 
-/// Labels (n) of a `.seg` file or of a `.npy` file, a vector of integers of any type; a negative one says that a face
-/// has no label, and becomes `u32::MAX`. A vector of the program's own type is used where it lies; others become an
-/// array in `work`, item by item.
+/// Labels (n) of a `.seg` file or of a `.npy` file, a vector of integers of any type; a negative one of either says
+/// that a face has no label, and becomes `u32::MAX`. A vector of the program's own type is used where it lies; others
+/// become an array in `work`, item by item.
 ///
 /// # Errors
 /// [`Error::Unusable`] for another ending or a file without labels; [`Error::Malformed`] naming the line or the item
@@ -71,7 +71,7 @@ fn each_integer<R>(
 pub fn open_labels(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>> {
     const FILE: &str = "given_labels.npy";
     match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
-        Some("seg") => npy::write(&work.file(FILE), &read_seg(path)?, 1, false),
+        Some("seg") => npy::write(&work.file(FILE), &read_partial_seg(path)?, 1, false),
         Some("npy") => {
             if let Ok((labels, shape)) = npy::open_shaped(path)
                 && shape.len() == 1
@@ -122,6 +122,12 @@ mod tests {
         assert!(open_labels(&path, &work).unwrap_err().to_string().contains("item 1 is 1099511627776, beyond 32 bits"));
         write([3, -7]);
         assert_eq!(open_labels(&path, &work).unwrap()[..], [3, u32::MAX]);
+        // Regression: where the help of --labels says the same of both forms, in a .seg it was an error.
+        let path = dir.path().join("x.seg");
+        std::fs::write(&path, "3\n-7\n").unwrap();
+        assert_eq!(open_labels(&path, &work).unwrap()[..], [3, u32::MAX]);
+        std::fs::write(&path, "3\n4294967296\n").unwrap();
+        assert!(open_labels(&path, &work).unwrap_err().to_string().contains("line 2: \"4294967296\" is not a label"));
     }
 
     #[test]

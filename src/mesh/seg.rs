@@ -55,6 +55,22 @@ pub fn write_seg_to(path: &Path, writer: &mut dyn Write, labels: &[u32], run: &R
 /// [`Error::Io`]; [`Error::Malformed`] naming the line that is no label; [`Error::Unusable`] for a
 /// file without labels.
 pub fn read_seg(path: &Path) -> Result<Vec<u32>> {
+    read(path, |text| text.parse().ok())
+}
+
+/// The same, but a negative number says that a face has no label, and becomes `u32::MAX`.
+///
+/// # Errors
+/// As [`read_seg`].
+pub(crate) fn read_partial_seg(path: &Path) -> Result<Vec<u32>> {
+    read(path, |text| {
+        let number: i64 = text.parse().ok()?;
+        if number < 0 { Some(u32::MAX) } else { u32::try_from(number).ok() }
+    })
+}
+
+/// The labels in `path`, each as `parse` has it.
+fn read(path: &Path, parse: impl Fn(&str) -> Option<u32>) -> Result<Vec<u32>> {
     let bytes = MappedBytes::open(path)?;
     let mut labels = Vec::new();
     for (number, line) in bytes.split(|&byte| byte == b'\n').enumerate() {
@@ -62,7 +78,7 @@ pub fn read_seg(path: &Path) -> Result<Vec<u32>> {
         if line.is_empty() || line.starts_with(b"#") {
             continue;
         }
-        let label = std::str::from_utf8(line).ok().and_then(|text| text.parse().ok());
+        let label = std::str::from_utf8(line).ok().and_then(&parse);
         labels.push(label.ok_or_else(|| {
             Error::malformed(
                 path,
