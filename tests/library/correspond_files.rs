@@ -22,6 +22,9 @@ fn matches_come_back_from_both_forms_and_maps_from_integers() {
     assert!(read(&path).unwrap_err().to_string().contains("has items"));
     std::fs::write(dir.path().join("x.csv"), "vertex,match,distance,confidence\n1,2,0,0\n").unwrap();
     assert!(read(&dir.path().join("x.csv")).unwrap_err().to_string().contains("line 2"));
+    // Regression: a vertex beyond 32 bits counted as none; in a .npy it is an error.
+    std::fs::write(dir.path().join("x.csv"), "vertex,match,distance,confidence\n0,-1,0,0\n1,4294967296,0,0\n").unwrap();
+    assert!(read(&dir.path().join("x.csv")).unwrap_err().to_string().contains("line 3"));
     assert!(write(&dir.path().join("m.txt"), &MATCHES, &Run::new(&())).is_err());
 }
 

@@ -140,7 +140,9 @@ fn read_csv(path: &Path) -> Result<Vec<Option<u32>>> {
     let row = |(k, line): (usize, &str)| {
         let mut fields = line.split(',').map(|field| field.trim().parse::<i64>().ok());
         match (fields.next().flatten(), fields.next().flatten()) {
-            (Some(vertex), Some(target)) if vertex == k as i64 => Ok(u32::try_from(target).ok()),
+            (Some(vertex), Some(target)) if vertex == k as i64 && target <= u32::MAX.into() => {
+                Ok(u32::try_from(target).ok())
+            }
             _ => Err(Error::malformed(
                 path,
                 format!("line {}", k + 2),
