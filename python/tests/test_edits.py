@@ -31,6 +31,18 @@ def test_a_place_lies_on_its_part(cut):
         cut.place(4)
 
 
+def test_a_place_has_numbers_where_vertices_have_none():
+    # Regression: a vertex that is no number made the middle of its part one, which edits refuse.
+    along = np.arange(6.0)
+    vertices = np.stack([*np.meshgrid(along, along, indexing="ij"), np.zeros((6, 6))], axis=-1).reshape(-1, 3)
+    faces = np.array([(v, v + 6, v + 7, v + 1) for v in range(29) if v % 6 < 5])
+    vertices[0] = np.nan
+    cut = nystrom_stream.segment(vertices, faces, 1)
+    assert np.isfinite(cut.place(0)).all() and cut.edit({"edit": "split", "at": cut.place(0)}).n_parts == 2
+    with pytest.raises(ValueError, match="part 0 has no face with a place"):
+        nystrom_stream.segment(np.full((3, 3), np.nan), [[0, 1, 2]], 1).place(0)
+
+
 def test_edits_add_up_and_the_cut_before_stays(cut):
     labels, a, b = cut.labels.copy(), cut.place(0), cut.place(1)
     merged = cut.edit([{"edit": "merge", "at": [a, b]}])

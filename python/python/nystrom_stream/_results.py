@@ -116,14 +116,17 @@ class Segmentation(_OfMesh):
             self._options = {**self._options, "work_dir": None}
 
     def place(self, part: int) -> list[float]:
-        """A place well inside a part, for edits: the point (x, y, z) in the middle of a face. Raises IndexError."""
+        """A place well inside a part, for edits: the point (x, y, z) in the middle of a face. Raises IndexError, and ValueError for
+        a part whose faces have no place in space."""
         part = range(self.n_parts)[part]
         triangles, face = self._mesh.triangles()
         vertices = self.vertices
         own = self.labels[face] == part
         reached = np.zeros(len(vertices), bool)
         reached[triangles[~own]] = True
-        triangles = triangles[own]
+        triangles = triangles[own & np.isfinite(vertices).all(axis=1)[triangles].all(axis=1)]
+        if not len(triangles):
+            raise ValueError(f"part {part} has no face with a place in space")
         centres = np.asarray(vertices, np.float64)[triangles[farthest(triangles, reached)]].mean(axis=1)
         x, y, z = centres[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))].tolist()
         return [x, y, z]
