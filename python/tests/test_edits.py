@@ -43,6 +43,16 @@ def test_a_place_has_numbers_where_vertices_have_none():
         nystrom_stream.segment(np.full((3, 3), np.nan), [[0, 1, 2]], 1).place(0)
 
 
+def test_names_of_a_copy_are_its_own(cut):
+    # Regression: the report of the cut that was copied told the names of the copy.
+    import copy
+
+    named = copy.copy(cut)
+    named.names = {1: "left arm"}
+    assert named.report["parts"][1]["name"] == "left arm" and named.names[1] == "left arm"
+    assert not any(cut.names) and not any("name" in part for part in cut.report["parts"])
+
+
 def test_edits_add_up_and_the_cut_before_stays(cut):
     labels, a, b = cut.labels.copy(), cut.place(0), cut.place(1)
     merged = cut.edit([{"edit": "merge", "at": [a, b]}])

@@ -78,9 +78,11 @@ class Segmentation(_OfMesh):
     @names.setter
     def names(self, names: Names) -> None:
         self._names = as_names(names, self.n_parts, getattr(self, "_names", ()))
-        for part, name in zip(self.report["parts"], self._names):
-            part.pop("name", None)
+        # A copy has the same report, but names of its own.
+        parts = [{key: value for key, value in part.items() if key != "name"} for part in self.report["parts"]]
+        for part, name in zip(parts, self._names):
             part.update({"name": name} if name else {})
+        self.report = {**self.report, "parts": parts}
 
     @property
     def edits(self) -> list[dict[str, Any]]:
