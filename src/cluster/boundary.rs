@@ -358,7 +358,9 @@ pub fn interior_limits(
 /// The limit of each part whose histogram `counts` holds.
 fn limits_of(counts: &[u32], half_width: f32) -> Vec<f32> {
     let limit = |bins: &[u32]| {
-        let interior = (INTERIOR * bins.iter().map(|&count| u64::from(count)).sum::<u64>() as f64).ceil() as u64;
+        let whole = bins.iter().map(|&count| u64::from(count)).sum::<u64>();
+        // A part of tiny components alone, of which none counts, keeps all of its faces.
+        let interior = ((INTERIOR * whole as f64).ceil() as u64).max(1);
         let mut kept = u64::from(bins[BINS]);
         let mut bin = BINS;
         while kept < interior && bin > 0 {
