@@ -167,7 +167,10 @@ impl PartTree {
 
     /// The parts at a threshold in \[0, 1\], without small ones. O(S + m).
     pub fn cut(&self, threshold: f64) -> TreeCut {
-        let made = self.unions.iter().zip(&self.level).filter(|(_, l)| f64::from(**l) >= threshold).map(|(u, _)| u);
+        // In the precision of the levels: .65 as a level is less than .65 as a threshold of twice the digits.
+        let threshold = threshold as f32;
+        let made =
+            self.unions.iter().zip(&self.level).filter(|(_, level)| **level >= threshold).map(|(union, _)| union);
         self.clean(&self.raw(made), f64::from(self.small_part), true)
     }
 
@@ -299,6 +302,17 @@ mod tests {
         // More parts than there are without tiny components: these become parts too, and the
         // number is the one asked for.
         assert_eq!(tree.cut_k(90).unwrap().parts, 90);
+    }
+
+    #[test]
+    fn a_union_at_a_threshold_is_made_by_it_whatever_single_precision_makes_of_both() {
+        for detail in 0..100 {
+            let (detail, cells) = (f64::from(detail) / 100., strip(2));
+            let level = detail_threshold(detail);
+            let tree = PartTree::new(&cells, [CellUnion { level, rank: 0., a: 0, b: 1 }], 0.);
+            assert_eq!(tree.cut_detail(detail).parts, 1, "{level}");
+            assert_eq!(tree.cut(level + 1e-6).parts, 2, "{level}");
+        }
     }
 
     #[test]
