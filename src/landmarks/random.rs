@@ -56,13 +56,19 @@ fn by_area(l: usize, nodes: NodeView<'_>, seed: u64) -> Vec<u32> {
         }
     }
     // Nearly all drawn, or hardly any area: fill up in order, faces with area first.
-    let (with, without): (Vec<u32>, Vec<u32>) = match l - chosen.len() {
-        0 => Default::default(),
-        _ => (0..nodes.len() as u32)
-            .filter(|node| !chosen.contains(node))
-            .partition(|&node| nodes.at(node as usize).area > 0.),
-    };
-    chosen.extend(with.into_iter().chain(without).take(l - chosen.len()));
+    let missing = l - chosen.len();
+    let (mut with, mut without) = (Vec::new(), Vec::new());
+    for node in (0..nodes.len() as u32).filter(|node| !chosen.contains(node)) {
+        if with.len() == missing {
+            break;
+        }
+        // No more than are missing: a large mesh may have hardly any area.
+        let kind = if nodes.at(node as usize).area > 0. { &mut with } else { &mut without };
+        if kind.len() < missing {
+            kind.push(node);
+        }
+    }
+    chosen.extend(with.into_iter().chain(without).take(missing));
     chosen
 }
 
