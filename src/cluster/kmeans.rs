@@ -11,11 +11,11 @@
 //! [`fill_empty_parts`] sees to it that no part is empty.
 
 use super::part_totals::{PartTotals, block_size};
-use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::base::random::{stream, weighted};
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::sort::sort_by;
+use crate::base::{Cancel, Result};
 use crate::distance::DistanceRows;
 use crate::graph::NodeView;
 use crate::spectral::Embedding;
@@ -411,9 +411,19 @@ pub fn assign(
 
 /// Gives each part without a face the least certain face of the part with most faces, by `quality` (n). Parts are empty
 /// only where the embedding has fewer distinct points than parts (a cube, four faces in four parts). Some stay empty
-/// where there are fewer faces than parts.
-pub fn fill_empty_parts(totals: &mut PartTotals, nodes: NodeView<'_>, labels: &mut [u32], quality: &[f32]) {
+/// where there are fewer faces than parts. Cost: a pass over the faces for each.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub fn fill_empty_parts(
+    totals: &mut PartTotals,
+    nodes: NodeView<'_>,
+    labels: &mut [u32],
+    quality: &[f32],
+    cancel: &Cancel,
+) -> Result<()> {
     while let Some(empty) = totals.faces.iter().position(|&faces| faces == 0) {
+        cancel.check()?;
         let mut most = 0;
         for part in 1..totals.faces.len() {
             if totals.faces[part] > totals.faces[most] {
@@ -426,7 +436,7 @@ pub fn fill_empty_parts(totals: &mut PartTotals, nodes: NodeView<'_>, labels: &m
                 worst = Some(face);
             }
         }
-        let Some(face) = worst.filter(|_| totals.faces[most] > 1) else { return };
+        let Some(face) = worst.filter(|_| totals.faces[most] > 1) else { return Ok(()) };
         let area = f64::from(nodes.at(face).area);
         labels[face] = empty as u32;
         totals.faces[most] -= 1;
@@ -434,6 +444,7 @@ pub fn fill_empty_parts(totals: &mut PartTotals, nodes: NodeView<'_>, labels: &m
         totals.faces[empty] += 1;
         totals.area[empty] += area;
     }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -515,12 +526,23 @@ mod tests {
         let mut labels = [0, 0, 0, 0, 2, 2];
         let quality = [0.9, 0.2, 0.5, 0.3, 0.1, 0.];
         let mut totals = PartTotals { faces: vec![4, 0, 2, 0], area: vec![10., 0., 11., 0.] };
-        fill_empty_parts(&mut totals, nodes[..].into(), &mut labels, &quality);
+        let cancel = Cancel::default();
+        fill_empty_parts(&mut totals, nodes[..].into(), &mut labels, &quality, &cancel).unwrap();
         assert_eq!(labels, [0, 1, 0, 3, 2, 2]);
         assert_eq!(totals, PartTotals { faces: vec![2, 1, 2, 1], area: vec![4., 2., 11., 4.] });
         // Parts beyond the faces stay empty.
         let mut totals = PartTotals { faces: vec![1, 0], area: vec![1., 0.] };
-        fill_empty_parts(&mut totals, nodes[..1].into(), &mut labels[..1], &quality[..1]);
+        fill_empty_parts(&mut totals, nodes[..1].into(), &mut labels[..1], &quality[..1], &cancel).unwrap();
         assert_eq!(totals.faces, [1, 0]);
+    }
+
+    /// Regression: it was heard of when all of them had their face, each of which takes a pass over all faces.
+    #[test]
+    fn filling_empty_parts_stops_when_the_run_does() {
+        let (nodes, cancel) = ([Node::default(); 3], Cancel::default());
+        let mut totals = PartTotals { faces: vec![3, 0], area: vec![0.; 2] };
+        cancel.cancel();
+        let filled = fill_empty_parts(&mut totals, nodes[..].into(), &mut [0; 3], &[0.; 3], &cancel);
+        assert!(matches!(filled, Err(crate::base::Error::Cancelled)));
     }
 }

@@ -76,7 +76,7 @@ fn k_means(
 
     let assignment = Assignment { rows, embedding: &embedding, centres: &centres, gamma: Some(&gamma) };
     let (mut totals, gamma_sum) = assign(assignment, labels, quality, run)?;
-    fill_empty_parts(&mut totals, nodes, labels, quality);
+    fill_empty_parts(&mut totals, nodes, labels, quality, &run.cancel)?;
     let gamma = gamma.of_sum(gamma_sum);
     Ok(SegmentStats {
         landmarks: rows.landmarks.clone(),
