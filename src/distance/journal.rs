@@ -175,7 +175,8 @@ impl Journal {
     /// # Errors
     /// [`Error::Io`].
     pub fn reopen(path: &Path) -> Result<Self> {
-        let mut file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
+        // Appended to, should another process go on with the same shard: neither writes over the other's lines.
+        let mut file = File::options().read(true).append(true).open(path).map_err(Error::io(path, "open"))?;
         let end = file.seek(SeekFrom::End(0)).map_err(Error::io(path, "read"))?;
         let mut last = [b'\n'];
         if end > 0 {
@@ -303,6 +304,11 @@ mod tests {
             let rows = Journal::read(&path).unwrap().1;
             assert!(rows.contains_key(&3) && rows.contains_key(&1) && rows.values().all(|l| *l == line(l.row)));
         }
+        // Two processes that go on with one journal.
+        std::fs::write(&path, &whole).unwrap();
+        let both = [(); 2].map(|()| Journal::reopen(&path).unwrap());
+        both.iter().zip([0, 3]).for_each(|(one, row)| one.append(&line(row)).unwrap());
+        assert_eq!(Journal::read(&path).unwrap().1.len(), 4);
         let mut flipped = whole.clone();
         flipped[whole.len() - 20] ^= 1;
         std::fs::write(&path, &flipped).unwrap();
