@@ -42,6 +42,9 @@ pub(super) fn assemble_in_memory(
     let nodes = nodes.array();
     let (n, chunks) = (nodes.len(), chunk_count(nodes.len(), NODES));
     let rows = |k: usize| chunk_range(n, NODES, k);
+    // Half a byte per node, until they are written.
+    let packed = n as u64 / 2;
+    let Ok(grant) = run.budget.take("row starts", packed, packed) else { return Ok(None) };
     let count =
         |k: usize, (): &mut ()| Ok(PackedPart::of(rows(k).map(|face| degree(&across[mesh.faces.corner_range(face)]))));
     let parts = run.map_chunks(chunks, || (), count)?;
@@ -50,6 +53,7 @@ pub(super) fn assemble_in_memory(
     for part in parts {
         ends.push(starts.push_part(part)?);
     }
+    drop(grant);
     let entries = ends.last().map_or(0, |end| *end as usize);
     let (indices, lengths, edges) = (
         work.array_in_memory::<u32>(INDICES, &[entries]),

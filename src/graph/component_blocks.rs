@@ -20,6 +20,10 @@ const NODES: usize = 1 << 14;
 const BLOCKS: usize = 128;
 /// Edges between blocks that are held at the most.
 const MOST_BETWEEN: usize = 1 << 20;
+/// Edges that a block asks for room for at a time; divides [`MOST_BETWEEN`].
+const LUMP: usize = 1 << 8;
+/// What a block has room for that got none.
+const FULL: usize = usize::MAX;
 
 /// Fills `roots` (n) with the first node of each node's component in `graph`. Returns false where
 /// there is no room for that.
@@ -28,10 +32,11 @@ const MOST_BETWEEN: usize = 1 << 20;
 /// [`crate::base::Error::Cancelled`].
 pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result<bool> {
     let room = 8 * MOST_BETWEEN as u64;
+    // Vectors grow to twice what they hold.
     if run.budget.left() < 2 * room {
         return Ok(false);
     }
-    let _grant = run.budget.take("components", room, room)?;
+    let _grant = run.budget.take("components", 2 * room, 2 * room)?;
     let size = NODES.max(roots.len().div_ceil(BLOCKS));
     let held = AtomicUsize::new(0);
     let between = run.fill_chunks(
@@ -42,9 +47,7 @@ pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result
             if held.load(Relaxed) > MOST_BETWEEN {
                 return Ok(Vec::new());
             }
-            let between = block_roots(graph, k * size, parents);
-            held.fetch_add(between.len(), Relaxed);
-            Ok(between)
+            Ok(block_roots(graph, k * size, parents, &held))
         },
     )?;
     if held.into_inner() > MOST_BETWEEN {
@@ -62,20 +65,31 @@ pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result
 }
 
 /// Fills `roots` with the first node of each node's component in the block of nodes from `first` on; returns the edges
-/// to blocks before it, up to more than [`MOST_BETWEEN`].
-fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32]) -> Vec<[u32; 2]> {
-    let mut between = Vec::new();
+/// to blocks before it. `held` is how many all blocks have asked for room for; beyond [`MOST_BETWEEN`] there is none,
+/// and what is filled and returned is of no use.
+fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsize) -> Vec<[u32; 2]> {
+    let (mut between, mut room) = (Vec::new(), 0);
     let (start, count) = (first as u32, roots.len());
     let mut forest = ParityForest::new(roots);
     graph.starts.each(first..first + count, |node, span| {
         let own = node as u32 - start;
         forest.add(own);
+        if room == FULL {
+            return;
+        }
         let mut mine = (own, 0);
         // Rows ascend, and the other direction is seen from the later node.
         for &near in graph.indices[span].iter().take_while(|near| (**near as usize) < node) {
             if near >= start {
                 mine = forest.join(mine, near - start, 0);
-            } else if between.len() <= MOST_BETWEEN {
+            } else {
+                if between.len() == room {
+                    // All threads together hold no more than that.
+                    room = if held.fetch_add(LUMP, Relaxed) < MOST_BETWEEN { room + LUMP } else { FULL };
+                    if room == FULL {
+                        return;
+                    }
+                }
                 between.push([node as u32, near]);
             }
         }
@@ -127,6 +141,21 @@ mod tests {
         }
         let run = Run { budget: Budget::new(1 << 20), ..Run::new(&()) };
         assert!(!find_roots(Csr::new(OwnedRowStarts::of([0]).view(), &[], &[]), &mut [0], &run).unwrap());
+    }
+
+    /// Regression: each thread held as many edges between blocks as all together may.
+    #[test]
+    fn edges_between_blocks_are_counted_over_all_of_them() {
+        let n = 1 << 20;
+        // Each node has an edge to the node four blocks before.
+        let far = 4 * NODES;
+        let rows = (0..n).map(|i| usize::from(i >= far));
+        let indices: Vec<u32> = (0..(n - far) as u32).collect();
+        let starts = OwnedRowStarts::of(rows);
+        let csr = Csr::new(starts.view(), &indices, &[]);
+        let (held, mut roots) = (AtomicUsize::new(MOST_BETWEEN - 3 * LUMP), vec![0; NODES]);
+        let found = |k: usize, roots: &mut [u32]| block_roots(csr, k * NODES, roots, &held).len();
+        assert_eq!([5, 6, 7].map(|k| found(k, &mut roots)), [3 * LUMP, 0, 0]);
     }
 
     /// A strip of quads: first triangles from its end to its start, then second ones from its start on. Each edge joins
