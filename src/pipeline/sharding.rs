@@ -146,7 +146,7 @@ impl SharedWork<'_> {
     /// The same for boundaries.
     fn boundaries(&self, work: &WorkDir, run: &Run) -> Option<BoundaryFacts> {
         let key = self.key(run);
-        work.reuse(key.name, key.version, &key.key).ok().filter(|facts: &BoundaryFacts| facts.stand(work))
+        work.reuse(key.name, key.version, &key.key).ok().filter(|facts: &BoundaryFacts| facts.stand(work, run))
     }
 
     /// Whether everything before the shares is there.

@@ -11,11 +11,12 @@ use super::surface::WeightedSurface;
 use super::{contracted, input, labels, means, parts};
 use crate::base::{Error, Result};
 use crate::cluster::boundary::{self, CellLabels};
-use crate::cluster::contract;
+use crate::cluster::contract::{self, Contraction};
 use crate::graph::dual::WeightsStage;
 use crate::graph::row_starts::StartsForm;
 use crate::graph::{DualGraph, WeightedGraph};
 use crate::mesh::Mesh;
+use crate::store::manifest::{MANIFEST, Manifest};
 use crate::store::stage::Stage;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -104,9 +105,16 @@ impl BoundaryFacts {
         Ok((facts, vec![BOUNDARY_NODES, INTERIOR_EDGE, UNIT_PARTS]))
     }
 
-    /// Whether the graph is still what it was.
-    pub fn stand(&self, work: &WorkDir) -> bool {
-        self.sources[0] == 0 || work.has_stage(WeightsStage::NAME, &self.keys[1])
+    /// Whether the graph is still what it was, and for bands its contraction: a run with other options may have made
+    /// another, and one with these the weights anew, but no contraction.
+    pub fn stand(&self, work: &WorkDir, run: &Run) -> bool {
+        let contracted = || {
+            let manifest = work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")).ok();
+            let kept = manifest.and_then(|mut manifest| manifest.stages.remove(Contraction::NAME));
+            kept.is_some_and(|kept| kept.key == contract::key(&self.keys[1], run.seed))
+        };
+        self.sources[0] == 0
+            || work.has_stage(WeightsStage::NAME, &self.keys[1]) && (self.sources[1] == 0 || contracted())
     }
 
     /// Whether there is nothing to share, or the labels are made.
@@ -149,5 +157,34 @@ impl BoundaryFacts {
             |node: usize| Some(cells.of(node)).filter(|part| depths.distance(node) >= self.limits[*part as usize]);
         let front = boundary::band_front(&weighted, &edge, &of_edge);
         front.share(shard, &interior, Context::new(work, run)).map(Some)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::stage::StageKey;
+
+    /// Regression: a run with other weights left its contraction, and one with these made only the weights again.
+    /// Shares of bands took the parts of nodes of one from those of the other.
+    #[test]
+    fn bands_stand_on_the_contraction_of_their_weights() {
+        let dir = tempfile::tempdir().unwrap();
+        let (work, run) = (WorkDir::open(dir.path()).unwrap(), Run::new(&()));
+        let stamped = |work: &WorkDir, name, version, key: &str| {
+            let stage = StageKey { name, version, key: key.into(), inputs: Value::Null };
+            work.stamp(stage, &[], &(), 0.).unwrap();
+        };
+        stamped(&work, WeightsStage::NAME, WeightsStage::VERSION, "weights");
+        let keys = ["graph".to_string(), "weights".to_string()];
+        let depths = BoundaryFacts { keys, sources: [1, 0], ..BoundaryFacts::default() };
+        let bands = BoundaryFacts { sources: [1, 1], keys: depths.keys.clone(), ..BoundaryFacts::default() };
+        let stand = || [&depths, &bands].map(|facts| facts.stand(&work, &run));
+        assert_eq!(stand(), [true, false]);
+        for (weights, same) in [("others", false), ("weights", true)] {
+            let inner = work.inner(CONTRACTED).unwrap();
+            stamped(&inner, Contraction::NAME, Contraction::VERSION, &contract::key(weights, run.seed));
+            assert_eq!(stand(), [true, same]);
+        }
     }
 }
