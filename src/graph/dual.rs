@@ -263,23 +263,22 @@ impl DualGraph {
     /// # Errors
     /// [`crate::base::Error::Parameter`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
     pub fn weighted(&self, metric: Metric, context: Context<'_>) -> Result<WeightedGraph> {
-        self.weighted_with(metric, None, 0., self.facts.area, context)
+        self.weighted_with(metric, None, self.facts.area, context)
     }
 
-    /// The same with turning taken from `normals` (n), which are those at `radius`, instead of the faces' own, and
-    /// lengths in units of the root of `area` (in the frame).
+    /// The same with turning taken from `normals` instead of the faces' own, and lengths in units of the root of `area`
+    /// (in the frame).
     ///
     /// # Errors
     /// As [`DualGraph::weighted`].
     pub fn weighted_with(
         &self,
         metric: Metric,
-        normals: Option<&MappedSlice<[f32; 3]>>,
-        radius: f32,
+        normals: Option<TurningNormals<'_>>,
         area: f64,
         context: Context<'_>,
     ) -> Result<WeightedGraph> {
-        context.stage(WeightsStage { graph: self, metric, normals, radius, area })
+        context.stage(WeightsStage { graph: self, metric, normals, area })
     }
 }
 
@@ -372,12 +371,22 @@ impl Stage for GraphStage<'_> {
     }
 }
 
+/// Normals that turning is measured with in place of the faces' own.
+#[derive(Clone, Copy, Debug)]
+pub struct TurningNormals<'a> {
+    /// Normal of each node (n).
+    pub normals: &'a [[f32; 3]],
+    /// The radius that they are averaged over, in units of √(area).
+    pub radius: f32,
+    /// The version of the algorithm that made them: others would make other weights.
+    pub version: u32,
+}
+
 /// The stage of a graph's weights.
 pub(crate) struct WeightsStage<'a> {
     graph: &'a DualGraph,
     metric: Metric,
-    normals: Option<&'a MappedSlice<[f32; 3]>>,
-    radius: f32,
+    normals: Option<TurningNormals<'a>>,
     area: f64,
 }
 
@@ -395,13 +404,19 @@ impl Stage for WeightsStage<'_> {
     type Output = WeightedGraph;
 
     fn inputs(&self, context: Context<'_>) -> Value {
-        let Self { graph, metric, radius, area, .. } = self;
-        json!({"graph": graph.key, "metric": metric, "radius": radius, "area": area, "seed": context.run.seed})
+        let Self { graph, metric, normals, area } = self;
+        let (radius, version) = normals.map_or((0., None), |normals| (normals.radius, Some(normals.version)));
+        let mut inputs =
+            json!({"graph": graph.key, "metric": metric, "radius": radius, "area": area, "seed": context.run.seed});
+        if let Some(version) = version {
+            inputs["normals"] = version.into();
+        }
+        inputs
     }
 
     fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
         let Self { graph: DualGraph { edges, nodes, .. }, metric, normals, area, .. } = self;
-        let weighting = Weighting { edges, nodes, normals: normals.map(|normals| &normals[..]), area, metric };
+        let weighting = Weighting { edges, nodes, normals: normals.map(|of| of.normals), area, metric };
         let weights = weighting.build(WEIGHTS, context)?;
         Ok(Made { output: self.matrix(weights, key, context.work)?, facts: (), files: vec![WEIGHTS] })
     }
@@ -422,5 +437,31 @@ impl Stage for WeightsStage<'_> {
         let frees = if extent.releases { 4 * extent.corners - room.give_up(CENTROID_DISTANCES) } else { 0 };
         let reads = if extent.computed { 67 } else { 104 };
         Needs { memory, keeps, frees, ..Needs::default() }.moving(reads * extent.faces, 12 * extent.faces)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Run;
+
+    /// Regression: weights were reused though a new version of the program had made other normals of the same radius.
+    #[test]
+    fn weights_are_of_the_normals_that_they_were_made_of() {
+        let dir = tempfile::tempdir().unwrap();
+        let (work, run) = (WorkDir::open(dir.path()).unwrap(), Run::new(&()));
+        let points = [[0f32, 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+        let mesh = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
+        let context = Context::new(&work, &run);
+        let graph = DualGraph::build(&mesh, "mesh".as_ref(), &Value::Null, context).unwrap();
+        let weights = |normals: &[[f32; 3]], version| {
+            let normals = TurningNormals { normals, radius: 0.01, version };
+            let weighted = graph.weighted_with(Metric::default(), Some(normals), 1., context).unwrap();
+            weighted.csr().weights.to_vec()
+        };
+        let [flat, turned] = [[[0., 0., 1.]; 4], [[0., 0., 1.], [1., 0., 0.], [0., 1., 0.], [0., 0., -1.]]];
+        let before = weights(&flat, 1);
+        assert_eq!(weights(&turned, 1), before);
+        assert_ne!(weights(&turned, 2), before);
     }
 }

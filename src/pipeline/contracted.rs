@@ -10,7 +10,9 @@ use super::units::Units;
 use crate::base::{Error, Result};
 use crate::cluster::contract::{ContractedSurface, Contraction};
 use crate::distance::shard;
+use crate::graph::dual::TurningNormals;
 use crate::graph::{DualGraph, WeightedGraph};
+use crate::store::stage::Stage;
 use crate::store::{Context, WorkDir};
 use std::sync::Arc;
 
@@ -23,8 +25,9 @@ pub(super) fn weighted(
     let mut surface =
         context.stage(SurfaceStage { graph, kind: Kind::Faces, cells: !params.contracts(graph.nodes.len()) })?;
     let area = 1. / f64::from(surface.shares.unit).powi(2);
-    let (normals, radius) = (surface.normals.as_ref(), surface.radius);
-    let weighted = graph.weighted_with(params.metric, normals, radius, area, context)?;
+    let (radius, version) = (surface.radius, SurfaceStage::VERSION);
+    let normals = surface.normals.as_ref().map(|normals| TurningNormals { normals, radius, version });
+    let weighted = graph.weighted_with(params.metric, normals, area, context)?;
     surface.release_normals(context.work)?;
     Ok((surface, weighted))
 }
