@@ -27,6 +27,7 @@ use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{cross, distance, finite, length, minus, narrow, position_key, wide};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::mesh::geometry::MOST_FACES;
 use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
 use crate::store::npy::ArrayWriter;
 use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets, Shuffle};
@@ -78,6 +79,19 @@ pub struct VertexFacts {
     pub components: u64,
 }
 
+/// Vertices at most: as of faces ([`crate::mesh::geometry::MOST_FACES`]), components keep a parity in the bit above
+/// their numbers.
+const MOST_VERTICES: u64 = MOST_FACES;
+
+/// Refuses a mesh in the file `path` of more vertices than nodes can have numbers.
+fn check_size(vertices: usize, path: &Path) -> Result<()> {
+    if vertices as u64 <= MOST_VERTICES {
+        return Ok(());
+    }
+    let problem = format!("has {vertices} vertices, which are numbered in 31 bits, up to {MOST_VERTICES}");
+    Err(Error::unusable(path, problem, "cut it into several meshes, or decimate it"))
+}
+
 /// Calls `visit(corners, positions)` for the triangles of one face that have three different vertices with positions.
 pub fn triangles(mesh: &Mesh, corners: &[u32], mut visit: impl FnMut([u32; 3], [[f64; 3]; 3])) {
     mesh.fan(corners, |[a, b, c], at| {
@@ -103,10 +117,11 @@ impl VertexGraph {
     /// Builds the graph of `mesh` (from the file `path`) in `work`.
     ///
     /// # Errors
-    /// [`Error::Unusable`] for a mesh without a single triangle, [`Error::Io`],
+    /// [`Error::Unusable`] for a mesh without a single triangle or of 2³¹ vertices or more, [`Error::Io`],
     /// [`Error::Memory`], [`Error::Cancelled`].
     pub fn build(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<Self> {
         let n = mesh.positions.len();
+        check_size(n, path)?;
         let frame = Frame::of(&mesh.positions, context.run)?;
         let records = 3 * mesh.faces.triangle_count();
         let sized = BudgetedShuffle::<Corner>::new(
@@ -425,6 +440,14 @@ mod tests {
         let corners = (0..width * (width - 1)).filter(|v| v % width + 1 < width);
         let faces = corners.flat_map(|v| [vec![v, v + 1, v + width], vec![v + 1, v + width + 1, v + width]]);
         (points.collect(), faces.collect())
+    }
+
+    /// Regression: the top bit of a number was taken for a parity, so that vertices had components of others.
+    #[test]
+    fn vertices_beyond_31_bits_are_refused() {
+        let told = |vertices: usize| check_size(vertices, "mesh.ply".as_ref()).map_err(|error| error.to_string());
+        assert!(told((1 << 31) - 1).is_ok());
+        assert!(told(1 << 31).unwrap_err().contains("mesh.ply: has 2147483648 vertices"));
     }
 
     /// Areas were summed bucket by bucket, and memory and threads decide how many buckets there are.
