@@ -128,7 +128,7 @@ pub fn band_front<'a>(weighted: &'a WeightedGraph, edge: &'a [u32], labels: &'a 
     }
 }
 
-/// Labels every face from the labels of cells. Writes `labels.npy`, and does not stamp it.
+/// Labels every face from the labels of cells. Writes the array `file`, and does not stamp it.
 /// Fronts that were computed in shares are taken from these.
 ///
 /// # Errors
@@ -139,10 +139,11 @@ pub fn refine(
     shares: &AreaShares,
     cells: CellLabels<'_>,
     method: BoundaryMethod<'_>,
+    file: &str,
     context: Context<'_>,
 ) -> Result<RefinedLabels> {
     let (n, steps) = (cells.of_node.len(), weighted.csr());
-    let mut labels = context.work.array::<u32>("labels.npy", &[n])?;
+    let mut labels = context.work.array::<u32>(file, &[n])?;
     let boundary_nodes = cells.boundary_nodes(steps, context.run)?;
     if boundary_nodes.is_empty() {
         context.run.fill_each(labels.data(), CHUNK, |i, _| cells.of(i))?;

@@ -153,7 +153,7 @@ pub(super) fn contracted(
     let (units, numbers) = on_contraction(whole, fit, params, context)?;
     let parts = numbers.faces.len();
     let (refined, _) = context.run.stage("boundaries", "faces", graph.nodes.len() as u64, || {
-        boundary::refine(graph, &weighted, &surface.shares, units.cells(), BoundaryMethod::Front, context)
+        boundary::refine(graph, &weighted, &surface.shares, units.cells(), BoundaryMethod::Front, LABELS, context)
     })?;
     let RefinedLabels { labels, boundary_nodes } = refined;
     weighted.release(context.work)?;

@@ -24,6 +24,8 @@ use crate::graph::{DualGraph, NodeOrder};
 use crate::store::{Context, MappedSlice};
 
 const CHUNK: usize = 1 << 15;
+/// Labels that edits look at, and nobody keeps.
+const SEEN: &str = "seen.tmp";
 /// Area, with the box's diagonal as the unit, of what is points and lines but for rounding.
 const NO_AREA: f64 = 1e-12;
 
@@ -63,9 +65,11 @@ impl Located<'_> {
             }
             None => CellLabels { of_node: cells, label, at_boundary: None },
         };
+        // Not where the labels lie: should an edit be refused, those that are there stay.
+        let _scratch = self.context.work.scratch(&[SEEN]);
         let method = BoundaryMethod::Front;
         let RefinedLabels { labels, .. } =
-            boundary::refine(graph, weighted, &surface.shares, cells, method, self.context)?;
+            boundary::refine(graph, weighted, &surface.shares, cells, method, SEEN, self.context)?;
         Ok(nodes.iter().map(|&node| labels[node as usize]).collect())
     }
 }
@@ -101,7 +105,7 @@ pub(super) fn parts(
     let method =
         extrapolated.as_ref().map_or(BoundaryMethod::Front, |(means, rows)| BoundaryMethod::Embedding(means, rows));
     let (refined, _) = context.run.stage("boundaries", "faces", n as u64, || {
-        boundary::refine(graph, &weighted, shares, decided.units.cells(), method, context)
+        boundary::refine(graph, &weighted, shares, decided.units.cells(), method, LABELS, context)
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
     let (mut parts, mut tiny_components_label) = (decided.parts, None);

@@ -288,6 +288,29 @@ fn painted_faces_are_hints() {
     assert!(!output.status.success() && errors(&output).contains("colour"), "{}", errors(&output));
 }
 
+/// Regression: where an edit had a place beside a boundary, the labels that it was looked at with took the place of
+/// those in the work directory, which were called damaged when a later edit was refused.
+#[test]
+fn refused_edits_leave_the_labels_that_are_there() {
+    let scene = scene(5_000);
+    let merged = scene.edited(&json!([{"edit": "merge", "at": [scene.place(0), scene.place(1)]}]), &[]);
+    let mesh = Mesh::open(&scene.mesh).unwrap();
+    let corners = |face: usize| mesh.faces.with(face, <[u32]>::to_vec);
+    let of_zero: Vec<u32> = (0..merged.len()).filter(|&face| scene.before[face] == 0).flat_map(corners).collect();
+    let beside = |&face: &usize| scene.before[face] > 0 && corners(face).iter().any(|vertex| of_zero.contains(vertex));
+    let beside = (0..merged.len()).find(beside).unwrap();
+    let edits = json!([
+        {"edit": "name", "at": beside, "name": "a"},
+        {"edit": "split", "at": scene.place(0), "into": 5000}
+    ]);
+    assert!(scene.refused(&edits).contains("edit 2 (split): the part has"));
+    let again = scene.dir.path().join("again.seg");
+    let output = run(&["export", "-q", "--work-dir", word(&scene.work), "-o", word(&again)]);
+    assert!(output.status.success(), "{}", errors(&output));
+    assert_eq!(read_seg(&again).unwrap(), merged);
+    assert!(!scene.work.join("seen.tmp").exists());
+}
+
 #[test]
 fn what_cannot_be_followed_is_told_with_its_edit() {
     let scene = scene(5_000);
