@@ -14,7 +14,7 @@ use crate::graph::order::OrderFacts;
 use crate::graph::{DualGraph, GraphFacts, NodeOrder};
 use crate::landmarks::Sampling;
 use crate::mesh::Labelling;
-use crate::store::manifest::MANIFEST;
+use crate::store::manifest::{MANIFEST, StageRecord};
 use crate::store::stage::StageKey;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -165,7 +165,17 @@ pub(super) fn stage_key(graph: &DualGraph, params: &SegmentParams, seed: u64) ->
     StageKey::new(STAGE, LABELS_VERSION, json!({"graph": graph.key, "params": params, "seed": seed}))
 }
 
-/// Brings labels into the order of the file, colours the parts and stamps the result.
+/// Has the manifest forget the labels, whose files are about to be written: should the run be killed meanwhile, they
+/// have to be made again, and are not damaged. What it said of them is returned.
+///
+/// # Errors
+/// [`crate::base::Error::Io`].
+pub(super) fn begin(work: &WorkDir) -> Result<Option<StageRecord>> {
+    work.give_up(STAGE)
+}
+
+/// Brings labels into the order of the file, colours the parts and stamps the result. Who makes the labels calls
+/// [`begin`] before.
 pub(super) fn label(
     graph: &DualGraph,
     order: NodeOrder,
@@ -207,14 +217,18 @@ pub(super) fn label(
     Ok(result)
 }
 
-/// Keeps `result` in place of what the work directory has kept of it so far: names, colours or labels, which lie there
-/// as [`LABELS`], have been changed since.
+/// Keeps `result` in place of what the work directory has kept of it so far: names or colours have been changed since.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`].
 pub fn keep(result: &SegmentedMesh, context: Context<'_>) -> Result<()> {
-    let Context { work, .. } = context;
-    let Some(stage) = work.manifest().stages.remove(STAGE) else { return Ok(()) };
+    keep_as(context.work.manifest().stages.remove(STAGE), result, context.work)
+}
+
+/// Keeps `result`, whose labels lie in the work directory as [`LABELS`], in place of what `stage` tells of, which
+/// [`begin`] has returned.
+pub(super) fn keep_as(stage: Option<StageRecord>, result: &SegmentedMesh, work: &WorkDir) -> Result<()> {
+    let Some(stage) = stage else { return Ok(()) };
     let edits = serde_json::from_value::<LabelFacts>(stage.facts).ok().and_then(|facts| facts.edits);
     let key = StageKey { name: STAGE, version: LABELS_VERSION, key: stage.key, inputs: stage.inputs };
     work.stamp(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), edits }, 0.)

@@ -163,6 +163,7 @@ pub fn settle(
     }
     let number: Vec<u32> = of_label.iter().map(|best| best.1).collect();
     let all = parts + usize::from(number.contains(&(parts as u32)));
+    let before = labels::begin(context.work)?;
     let mut labels = context.work.array::<u32>(LABELS, &[result.labels.len()])?;
     let old: &MappedSlice<u32> = &result.labels;
     context.run.fill_each(labels.data(), CHUNK, |i, _| number[old[i] as usize])?;
@@ -186,6 +187,6 @@ pub fn settle(
     result.numbers.walls_label = now(result.numbers.walls_label);
     (result.numbers.faces, result.numbers.area) = (faces, area);
     // A work directory keeps what is written.
-    labels::keep(&result, context)?;
+    labels::keep_as(before, &result, context.work)?;
     Ok(result)
 }

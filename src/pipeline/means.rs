@@ -10,7 +10,7 @@
 
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::edits::PartMarks;
-use super::labels::{Clustered, LABELS, QUALITY, SegmentStats};
+use super::labels::{self, Clustered, LABELS, QUALITY, SegmentStats};
 use super::params::{Cluster, SegmentParams, dimensions};
 use super::sample::rows;
 use super::surface::WeightedSurface;
@@ -114,6 +114,7 @@ pub(super) fn over_faces(
     let (to_labels, to_quality) = (labels.data(), quality.data());
     let assign = || k_means(graph.nodes.view(), rows, means, to_labels, to_quality, run);
     let (numbers, _) = run.stage("assign", "faces", n as u64, assign)?;
+    labels::begin(work)?;
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
     Ok(clustered(labels, None, quality, numbers))
 }
@@ -152,6 +153,7 @@ pub(super) fn contracted(
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
     let (units, numbers) = on_contraction(whole, fit, params, context)?;
     let parts = numbers.faces.len();
+    labels::begin(context.work)?;
     let (refined, _) = context.run.stage("boundaries", "faces", graph.nodes.len() as u64, || {
         boundary::refine(graph, &weighted, &surface.shares, units.cells(), BoundaryMethod::Front, LABELS, context)
     })?;

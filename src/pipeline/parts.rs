@@ -8,7 +8,7 @@
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::decision::DecisionStage;
 use super::edits::{Corrections, OnCells, PartMarks};
-use super::labels::{Clustered, LABELS, SegmentStats};
+use super::labels::{self, Clustered, LABELS, SegmentStats};
 use super::params::{Boundaries, SegmentParams, TinyComponents, Walls};
 use super::surface::{Kind, PreparedSurface, SurfaceStage, WeightedSurface};
 use super::units::Units;
@@ -104,6 +104,7 @@ pub(super) fn parts(
     };
     let method =
         extrapolated.as_ref().map_or(BoundaryMethod::Front, |(means, rows)| BoundaryMethod::Embedding(means, rows));
+    labels::begin(context.work)?;
     let (refined, _) = context.run.stage("boundaries", "faces", n as u64, || {
         boundary::refine(graph, &weighted, shares, decided.units.cells(), method, LABELS, context)
     })?;

@@ -206,6 +206,20 @@ impl WorkDir {
         self.save(&mut manifest).map_or_else(|error| StageMiss::Damaged(error.to_string()), |()| reason)
     }
 
+    /// Removes the stage `name` from the manifest, since its files are about to be written anew; what it said of it.
+    /// [`Context::stage`] does it for all stages that one process makes as a whole.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(crate) fn give_up(&self, name: &str) -> Result<Option<StageRecord>> {
+        let mut manifest = self.manifest_lock();
+        let record = manifest.stages.remove(name);
+        if record.is_some() {
+            self.save(&mut manifest)?;
+        }
+        Ok(record)
+    }
+
     /// Whether the stage `name` is finished here with the key `key`, of whatever version.
     pub fn has_stage(&self, name: &str, key: &str) -> bool {
         let kept = self.manifest().stages.remove(name);

@@ -4,8 +4,10 @@
 use nystrom_stream::apps::evaluate::Evaluator;
 use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::graph::Order;
+use nystrom_stream::pipeline::labels::Labels;
 use nystrom_stream::pipeline::{Boundaries, Cluster, Walls};
 use nystrom_stream::spectral::EmbeddingParams;
+use nystrom_stream::store::WorkDir;
 use nystrom_stream::{Cancel, Error, Labelling, Mesh, Progress, SaveOptions, Segmenter, Sequencer, evaluate};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -93,6 +95,35 @@ fn a_panic_in_a_worker_ends_the_run_and_leaves_no_file() {
     }
     let resumed = plain.clone().work_dir(&work).run(&mesh).unwrap();
     assert_eq!(resumed.labels(), plain.run(&mesh).unwrap().labels());
+}
+
+/// Stops the run when boundaries are refined.
+struct StopsAfterBoundaries(Cancel);
+
+impl Progress for StopsAfterBoundaries {
+    fn end(&self, stage: &str, _: f64) {
+        if stage == "boundaries" {
+            self.0.cancel();
+        }
+    }
+}
+
+/// Regression: the manifest told of the old labels while new ones lay in their file, so they were called damaged.
+#[test]
+fn a_run_that_is_stopped_while_it_writes_labels_leaves_none() {
+    let mesh = Mesh::creature(4_000).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let cut = |parts| Segmenter::new().parts(parts).work_dir(dir.path());
+    cut(5).run(&mesh).unwrap();
+    let read = || Labels::read(&WorkDir::open(dir.path()).unwrap());
+    assert_eq!(read().unwrap().parts.len(), 5);
+    let cancel = Cancel::default();
+    let stopped = cut(7).cancel(cancel.clone()).progress(Arc::new(StopsAfterBoundaries(cancel))).run(&mesh);
+    assert!(matches!(stopped, Err(Error::Cancelled)));
+    let told = read().unwrap_err().to_string();
+    assert!(told.contains("holds no labels"), "{told}");
+    let again = cut(7).run(&mesh).unwrap().labels().to_vec();
+    assert_eq!(again, read().unwrap().labels[..]);
 }
 
 #[test]
