@@ -153,10 +153,19 @@ fn assembled(
     })
 }
 
-/// The spectral numbers of the decision in `work`, where there is one.
-pub(super) fn kept_numbers(work: &WorkDir) -> Option<SegmentStats> {
-    let facts = work.manifest().stages.remove(DecisionStage::NAME)?.facts;
-    serde_json::from_value::<DecisionFacts>(facts).ok().map(|facts| facts.numbers)
+/// The spectral numbers of the decision about the mesh in `work`, or about its contraction, unless it is small or rows
+/// were `exact`; `None` where there is none of the graph that is there now.
+///
+/// # Errors
+/// As [`WorkDir::inner`].
+pub(super) fn kept_numbers(work: &WorkDir, exact: bool) -> Result<Option<SegmentStats>> {
+    let inner = contraction_in_use(work, exact)?;
+    if inner.is_none() && !is_current(work, false) {
+        return Ok(None);
+    }
+    let kept = inner.as_deref().unwrap_or(work).manifest().stages.remove(DecisionStage::NAME);
+    let facts = kept.and_then(|kept| serde_json::from_value::<DecisionFacts>(kept.facts).ok());
+    Ok(facts.map(|facts| facts.numbers))
 }
 
 /// The hierarchy of parts of the mesh in `work`: that of its contraction, unless it is small or rows were `exact`.

@@ -98,8 +98,7 @@ pub struct Eigenvalues {
 /// # Errors
 /// [`Error::WorkDir`] where there are none.
 pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
-    let inner = decision::contraction_in_use(work, exact)?;
-    let decided = decision::kept_numbers(inner.as_deref().unwrap_or(work));
+    let decided = decision::kept_numbers(work, exact)?;
     let kept = decided.map(|numbers| Eigenvalues { values: numbers.eigenvalues, dropped: numbers.dropped_eigenpairs });
     let embedded = || {
         let values = work.told::<super::embed::EmbeddingStage<'_>>()?.eigenvalues;

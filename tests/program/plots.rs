@@ -92,3 +92,20 @@ fn k_means_keeps_its_eigenvalues_in_the_report_only() {
     assert!(common::run(&["embed", "-q", "--work-dir", word(&work)]).status.success());
     assert_eq!(plot(dir.path(), "work --eigenvalues e.svg").0, 0);
 }
+
+/// Regression: K-means in another order of faces makes the graph anew; the eigenvalues of the decision about the one
+/// before were drawn, though its hierarchy was not.
+#[test]
+fn eigenvalues_of_a_decision_about_another_graph_are_not_drawn() {
+    let dir = common::in_memory();
+    let mesh = common::creature(dir.path(), 4_000, false);
+    let (work, out) = (dir.path().join("work"), dir.path().join("x.seg"));
+    let words = ["-q", "-k", "4", "--work-dir", word(&work), "-o", word(&out)];
+    common::segment(&mesh, &[&words[..], &["--order", "keep"]].concat());
+    assert_eq!(plot(dir.path(), "work --eigenvalues e.svg").0, 0);
+    common::segment(&mesh, &[&words[..], &["--order", "hilbert", "--cluster", "kmeans"]].concat());
+    for drawn in ["--eigenvalues e.svg", "--tree t.svg"] {
+        let (code, err) = plot(dir.path(), &format!("work {drawn}"));
+        assert!(code == 1 && err.contains("work: "), "{err}");
+    }
+}
