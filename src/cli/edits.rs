@@ -116,6 +116,6 @@ pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Res
 }
 
 /// Edits and painted values as the library takes them.
-pub fn corrections<'a>(edits: Option<&'a PlacedEdits<'a>>, painted: Option<&'a Vec<u32>>) -> Corrections<'a> {
-    Corrections { edits, painted: painted.map(Vec::as_slice) }
+pub fn corrections<'a>(edits: Option<&'a PlacedEdits<'a>>, painted: Option<&'a MappedSlice<u32>>) -> Corrections<'a> {
+    Corrections { edits, painted: painted.map(|values| &values[..]) }
 }

@@ -181,7 +181,8 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         super::plan::check(path, params, Context::new(&work, run))?;
     }
     let (opened, identity) = read(path, args.force, Context::new(&work, run))?;
-    let painted = args.edits.hints.as_ref().map(|name| opened.face_property(name, run)).transpose()?;
+    let of_mesh = |name: &String| opened.face_values(name, Context::new(&work, run));
+    let painted = args.edits.hints.as_ref().map(of_mesh).transpose()?;
     let mut carried = like.map(|like| like::carry(like.reference(), &opened, Context::new(&work, run))).transpose()?;
     let painted = carried.as_ref().map(|carried| &carried.values).or(painted.as_ref());
     let placed = edits.map(|edits| edits.on(&opened, run)).transpose()?;

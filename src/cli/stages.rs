@@ -341,7 +341,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let context = Context::new(&work, &run);
     let needs_mesh = edits.is_some() || args.edits.hints.is_some();
     let opened = needs_mesh.then(|| open_mesh(args.mesh.as_deref(), &record, None, &work, context)).transpose()?;
-    let of_mesh = |name: &String| opened.as_ref().map(|mesh| mesh.face_property(name, &run));
+    let of_mesh = |name: &String| opened.as_ref().map(|mesh| mesh.face_values(name, context));
     let painted = args.edits.hints.as_ref().and_then(of_mesh).transpose()?;
     let placed = edits.as_ref().zip(opened.as_ref()).map(|(edits, mesh)| edits.on(mesh, &run)).transpose()?;
     drop(opened);

@@ -10,7 +10,7 @@ use super::polygon;
 use super::positions::{Positions, StridedLayout, check_fit, four};
 use crate::base::vector::finite;
 use crate::base::{Error, Result};
-use crate::store::{MappedBytes, MappedSlice, PrivateFolder, Run};
+use crate::store::{Context, MappedBytes, MappedSlice, PrivateFolder, Run};
 use std::convert::Infallible;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -253,9 +253,26 @@ impl Mesh {
     /// # Errors
     /// As [`Document::face_property`]; [`Error::Unusable`] without a file.
     pub fn face_property(&self, name: &str, run: &Run) -> Result<Vec<u32>> {
+        self.file()?.face_property(name, run)
+    }
+
+    /// The same in an array of the work directory of `context`, which is removed with its last reader.
+    ///
+    /// # Errors
+    /// As [`Mesh::face_property`]; [`Error::Io`].
+    pub fn face_values(&self, name: &str, context: Context<'_>) -> Result<MappedSlice<u32>> {
+        const FILE: &str = "face_values.tmp";
+        let document = self.file()?;
+        let mut writer = context.work.writer_of(FILE, 1, self.faces.len())?;
+        document.for_each_value(name, context.run, |value| writer.push(&[value]))?;
+        let values = writer.finish(false)?;
+        context.work.remove(FILE);
+        Ok(values)
+    }
+
+    fn file(&self) -> Result<&Document> {
         let problem = "was made from arrays and has no properties";
-        let document = self.document();
-        document.ok_or_else(|| Error::unusable(self.path(), problem, "open a file"))?.face_property(name, run)
+        self.document().ok_or_else(|| Error::unusable(self.path(), problem, "open a file"))
     }
 
     /// A mesh of copied arrays: `positions` (vertices × 3, `f32` or `f64`) and for each face the numbers of its corners

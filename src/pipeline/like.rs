@@ -13,6 +13,7 @@ use crate::apps::transfer::transfer;
 use crate::base::tally::tally;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::Serialize;
 
@@ -49,7 +50,7 @@ pub enum Way {
 #[derive(Clone, Debug)]
 pub struct Carried {
     /// One more than the part of each face (n); 0: not known.
-    pub values: Vec<u32>,
+    pub values: MappedSlice<u32>,
     /// How well that went.
     pub facts: LikeFacts,
 }
@@ -69,7 +70,10 @@ pub struct LikeFacts {
     pub look: bool,
 }
 
-/// Carries the labels of `reference` to `mesh`. Arrays lie in a temporary folder within that of `context`.
+/// Where values are written that are carried; they are removed with their last reader.
+const VALUES: &str = "carried.tmp";
+
+/// Carries the labels of `reference` to `mesh`. Arrays lie in the folder of `context`, or in a temporary one within.
 ///
 /// # Errors
 /// [`Error::Parameter`] for labels that do not fit the reference; those of [`transfer`] and [`correspond`].
@@ -80,27 +84,31 @@ pub fn carry(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Res
         Ok(found) => {
             let uncertain = found.facts.uncertain as f64 / found.facts.faces.max(1) as f64;
             if uncertain <= SAME_PLACE {
-                let values = found.labels.iter().map(|label| label.wrapping_add(1)).collect();
-                return Ok(carried(values, Way::Place, 1. - uncertain, false));
+                let mut values = context.work.array::<u32>(VALUES, &[found.labels.len()])?;
+                context.run.fill_each(values.data(), CHUNK, |face, _| found.labels[face].wrapping_add(1))?;
+                return carried(values, Way::Place, 1. - uncertain, false, context.work);
             }
         }
         // Most of it lies elsewhere.
         Err(Error::Unusable { .. }) => {}
         Err(error) => return Err(error),
     }
-    by_shape(reference, mesh, within)
+    by_shape(reference, mesh, within, context.work)
 }
 
-fn carried(values: Vec<u32>, way: Way, confidence: f64, ambiguous: bool) -> Carried {
-    Carried { values, facts: LikeFacts { way, confidence, ambiguous, missing: Vec::new(), look: false } }
+fn carried(values: ArrayMut<u32>, way: Way, confidence: f64, ambiguous: bool, work: &WorkDir) -> Result<Carried> {
+    let values = values.finish(false)?;
+    work.remove(VALUES);
+    Ok(Carried { values, facts: LikeFacts { way, confidence, ambiguous, missing: Vec::new(), look: false } })
 }
 
-/// By matches of the vertices of `mesh` with those of the reference.
-fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Result<Carried> {
+/// By matches of the vertices of `mesh` with those of the reference. What is carried lies in `work`.
+fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>, work: &WorkDir) -> Result<Carried> {
     let most = mesh.positions.len().max(reference.mesh.positions.len());
     let params = CorrespondParams::default().landmarks(default_landmarks_for_vertices(most));
     let found = correspond(mesh, reference.mesh, None, &params, context)?;
-    let mut of_vertex = vec![0u32; reference.mesh.positions.len()];
+    let mut of_vertex = context.work.array::<u32>("of_vertex.tmp", &[reference.mesh.positions.len()])?;
+    let of_vertex = of_vertex.data();
     for start in (0..reference.labels.len()).step_by(CHUNK) {
         context.run.cancel.check()?;
         reference.mesh.faces.for_each(start..reference.labels.len().min(start + CHUNK), |face, corners| {
@@ -112,7 +120,8 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Resu
             }
         });
     }
-    let mut values = vec![0u32; mesh.faces.len()];
+    let mut array = work.array::<u32>(VALUES, &[mesh.faces.len()])?;
+    let values = array.data();
     let matches: &[Match] = &found.matches;
     let mut votes: Vec<(u32, f32)> = Vec::new();
     for start in (0..values.len()).step_by(CHUNK) {
@@ -133,7 +142,7 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Resu
     }
     let matched = || matches.iter().filter(|one| one.vertex().is_some());
     let confidence = matched().map(|one| f64::from(one.confidence)).sum::<f64>() / matched().count().max(1) as f64;
-    Ok(carried(values, Way::Shape, confidence, found.alignments.ambiguous))
+    carried(array, Way::Shape, confidence, found.alignments.ambiguous, work)
 }
 
 /// Gives the parts of `result`, which was cut with the hints of `carried`, the numbers, colours and names of the

@@ -126,6 +126,19 @@ impl Document {
     /// [`Error::Unusable`] where there is no such property or it is no integer, [`Error::Malformed`] naming the face
     /// whose value is negative or beyond 32 bits, [`Error::Cancelled`].
     pub fn face_property(&self, name: &str, run: &Run) -> Result<Vec<u32>> {
+        let mut values = Vec::with_capacity(self.header.elements[self.face].count);
+        self.for_each_value(name, run, |value| {
+            values.push(value);
+            Ok(())
+        })?;
+        Ok(values)
+    }
+
+    /// Calls `visit(value)` for every face in order, with what [`Document::face_property`] gives.
+    ///
+    /// # Errors
+    /// As there, and those of `visit`.
+    pub fn for_each_value(&self, name: &str, run: &Run, mut visit: impl FnMut(u32) -> Result<()>) -> Result<()> {
         if self.property(ElementKind::Faces, name).filter(|found| !found.scalar.is_real()).is_none() {
             let problem = format!("its faces have no integer property {name:?}");
             return Err(Error::unusable(
@@ -134,20 +147,16 @@ impl Document {
                 "name an integer property of its faces, or give a mesh that was written with labels",
             ));
         }
-        let mut values = Vec::with_capacity(self.header.elements[self.face].count);
         self.for_each_face([name], run, |face, [value]| {
-            let value = u32::try_from(value).map_err(|_| {
+            visit(u32::try_from(value).map_err(|_| {
                 Error::malformed(
                     &self.path,
                     format!("face {face}"),
                     format!("{} is {value}", name.escape_debug()),
                     "use numbers from 0 to 4294967295",
                 )
-            })?;
-            values.push(value);
-            Ok(())
-        })?;
-        Ok(values)
+            })?)
+        })
     }
 
     /// Calls `visit(face, numbers)` for every face in order, with the integers of the properties called `names`, such
@@ -355,6 +364,7 @@ impl Number for f64 {
 mod tests {
     use super::*;
     use crate::mesh::{Labelling, PlyForm, open, write_labelled};
+    use crate::store::{Budget, Context, WorkDir};
 
     #[test]
     fn numbers_of_vertices_and_faces_are_read() {
@@ -402,6 +412,23 @@ mod tests {
             let again = open(&labelled, dir.path(), &run).unwrap();
             assert_eq!(again.face_property("label", &run).unwrap(), [3, 70000]);
         }
+    }
+
+    #[test]
+    fn values_of_faces_come_from_the_budget() {
+        // Regression: hints took 4 bytes per face beside it.
+        let dir = tempfile::tempdir().unwrap();
+        let run = Run { budget: Budget::new(1 << 20), ..Run::new(&()) };
+        let path = dir.path().join("a.ply");
+        std::fs::write(&path, MESH.replace("-1", "1")).unwrap();
+        let mesh = open(&path, dir.path(), &run).unwrap();
+        let work = WorkDir::temporary(dir.path()).unwrap().holding(&run.budget);
+        let left = run.budget.left();
+        let values = mesh.face_values("kind", Context::new(&work, &run)).unwrap();
+        assert_eq!(values[..], [7, 1]);
+        assert!(run.budget.left() < left && !work.holds("face_values.tmp"));
+        drop(values);
+        assert_eq!(run.budget.left(), left);
     }
 
     #[test]
