@@ -63,7 +63,8 @@ fn the_tree_finds_what_a_look_at_every_face_finds() {
         for start in (0..from.faces.len()).step_by(block) {
             let range = start..from.faces.len().min(start + block);
             let tree = TriangleTree::of(&from, &frame, range, |_| true);
-            tree.improve_all(|i| probes[i], Agreement { sign: 1., slack }, &mut found, &run()).unwrap();
+            tree.improve_all(|i| probes[i], Agreement { sign: 1., slack, far: f32::INFINITY }, &mut found, &run())
+                .unwrap();
         }
         for (probe, found) in probes.iter().zip(&found) {
             let all = triangles.iter().map(|(face, t)| (distance_2(t, probe.place), *face, unit(normal(t))));

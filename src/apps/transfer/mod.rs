@@ -143,6 +143,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     let points = if coarse > 1.5 * fine { 4 } else { 1 };
     let turned = is_turned(from, to, &frame);
     let sign = if turned { -1. } else { 1. };
+    let far = FAR * fine.max(coarse);
 
     let _scratch = context.work.scratch(&["nearest.npy.partial"]);
     let mut array = context.work.array::<u64>("nearest.npy", &[n * points, 2])?;
@@ -160,7 +161,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
         for start in (0..m).step_by(block) {
             let tree = TriangleTree::of(from, &frame, start..m.min(start + block), |_| true);
             let at = |i: usize| probe(to, &frame, i / points, i % points);
-            tree.improve_all(at, Agreement { sign, slack: fine }, found, context.run)?;
+            tree.improve_all(at, Agreement { sign, slack: fine, far }, found, context.run)?;
         }
         Ok(())
     };
