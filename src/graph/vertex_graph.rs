@@ -2,8 +2,8 @@
 //! triangles around each vertex.
 //!
 //! Correspondence works on it, as segmentation works on the dual graph. Built out of core in one shuffle: every
-//! triangle (polygons are cut into fans) gives each of its vertices the other two, and a sorted bucket of these gives
-//! rows, rings, areas and open edges of its vertices. Components are bridged like those of the dual graph
+//! triangle (also of [polygons](crate::mesh::polygon)) gives each of its vertices the other two, and a sorted bucket of
+//! these gives rows, rings, areas and open edges of its vertices. Components are bridged like those of the dual graph
 //! ([`super::components`]). Triangles with a coordinate that is no number, or with a vertex twice, are left out.
 //!
 //! Vertices of open edges at exactly the same position, as texture seams and triangle soups leave them, are joined
@@ -94,7 +94,7 @@ fn check_size(vertices: usize, path: &Path) -> Result<()> {
 
 /// Calls `visit(corners, positions)` for the triangles of one face that have three different vertices with positions.
 pub fn triangles(mesh: &Mesh, corners: &[u32], mut visit: impl FnMut([u32; 3], [[f64; 3]; 3])) {
-    mesh.fan(corners, |[a, b, c], at| {
+    mesh.triangles(corners, |[a, b, c], at| {
         if a != b && b != c && c != a {
             visit([a, b, c], at);
         }
@@ -302,7 +302,7 @@ struct VertexGraphStage<'a> {
 
 impl Stage for VertexGraphStage<'_> {
     const NAME: &'static str = "vertex graph";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type Facts = (VertexFacts, Frame);
     type Output = (VertexGraph, String);
 
@@ -463,6 +463,21 @@ mod tests {
         let expected = area(1 << 30, 1);
         for (memory, threads) in [(1 << 30, 2), (8 << 20, 1), (4 << 20, 2), (2 << 20, 3)] {
             assert_eq!(area(memory, threads), expected, "{memory} bytes, {threads} threads");
+        }
+    }
+
+    /// The fan of its first corner fills the notch of an L, across which distances would be shorter than they are.
+    #[test]
+    fn a_concave_polygon_is_not_left() {
+        let ell = [[1., 1.], [1., 3.], [0., 3.], [0., 0.], [3., 0.], [3., 1.]].map(|[x, y]| [x, y, 0.]);
+        for first in 0..6 {
+            let corners: Vec<u32> = (0..6).map(|k| (first + k) % 6).collect();
+            let mesh = Mesh::from_slices(&ell, &[corners]).unwrap();
+            let run = Run::new(&());
+            let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
+            let graph = VertexGraph::build(&mesh, "ell".as_ref(), Context::new(&work, &run)).unwrap();
+            let area = graph.facts.area * graph.frame.scale.powi(2);
+            assert!((area - 5.).abs() < 1e-6, "from corner {first}: {area}");
         }
     }
 
