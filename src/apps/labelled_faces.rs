@@ -14,6 +14,8 @@ use std::path::Path;
 
 /// No label.
 pub const NONE: u32 = u32::MAX;
+/// The properties of a colour.
+const COLOUR: [&str; 3] = ["red", "green", "blue"];
 /// Labels beyond have no colour and no name of the file.
 const MOST: usize = 1 << 20;
 
@@ -35,13 +37,15 @@ impl LabelledFaces {
     /// # Errors
     /// [`Error::Malformed`] should the file have changed since it was opened; [`Error::Io`], [`Error::Cancelled`].
     pub fn of_mesh(mesh: &Mesh, context: Context<'_>) -> Result<Option<Self>> {
-        let has = |name: &&str| mesh.document().is_some_and(|all| all.property(ElementKind::Faces, name).is_some());
-        let Some(document) = mesh.document().filter(|_| has(&"label")) else { return Ok(None) };
+        let property = |name: &str| mesh.document()?.property(ElementKind::Faces, name);
+        let Some(document) = mesh.document().filter(|_| property("label").is_some()) else { return Ok(None) };
         let mut writer = context.work.writer_of("labels_of_faces.npy", 1, mesh.faces.len())?;
         let mut colours: Vec<Option<[u8; 3]>> = Vec::new();
-        let mut uniform = ["red", "green", "blue"].iter().all(has);
+        let channels = COLOUR.map(property);
+        let mut uniform = channels.iter().all(Option::is_some);
+        let real = uniform && channels.iter().flatten().any(|channel| channel.scalar.is_real());
         let mut parts = 0;
-        document.for_each_face(["label", "red", "green", "blue"], context.run, |_, [label, colour @ ..]| {
+        let mut add = |label: i64, colour: [u8; 3]| {
             let label = u32::try_from(label).unwrap_or(NONE);
             writer.push(&[label])?;
             if label == NONE {
@@ -51,14 +55,31 @@ impl LabelledFaces {
             parts = parts.max(place + 1);
             uniform &= place < MOST;
             if uniform {
-                let colour = colour.map(|part| part.clamp(0, 255) as u8);
                 if colours.len() <= place {
                     colours.resize(place + 1, None);
                 }
                 uniform = *colours[place].get_or_insert(colour) == colour;
             }
             Ok(())
-        })?;
+        };
+        let [red, green, blue] = COLOUR;
+        if real {
+            // Commonly from 0 to 1.
+            let mut most = 0f64;
+            document.for_each_face_real(COLOUR, context.run, |_, colour| {
+                most = colour.into_iter().fold(most, f64::max);
+                Ok(())
+            })?;
+            let scale = if most <= 1. { 255. } else { 1. };
+            document.for_each_face_real(["label", red, green, blue], context.run, |_, [label, colour @ ..]| {
+                let label = if label.is_nan() { -1 } else { label as i64 };
+                add(label, colour.map(|part| (part * scale).round() as u8))
+            })?;
+        } else {
+            document.for_each_face(["label", red, green, blue], context.run, |_, [label, colour @ ..]| {
+                add(label, colour.map(|part| part.clamp(0, 255) as u8))
+            })?;
+        }
         let names = names_of(document, parts.min(MOST));
         let colours = uniform.then(|| colours.into_iter().map(|colour| colour.unwrap_or([128; 3])).collect());
         Ok(Some(Self { labels: writer.finish(false)?, names, colours }))
@@ -84,5 +105,36 @@ impl LabelledFaces {
     /// As [`colours_for`].
     pub fn colours(&mut self, mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Vec<[u8; 3]>> {
         self.colours.take().map_or_else(|| colours_for(mesh, labels, run), Ok)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// From 0 to 1 they were black.
+    #[test]
+    fn colours_of_floating_point_are_those_of_integers() {
+        let dir = tempfile::tempdir().unwrap();
+        let (run, path) = (Run::new(&()), dir.path().join("a.ply"));
+        let colours = |scalar: &str, colours: [&str; 2]| {
+            let text = format!(
+                "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+                 element face 2\nproperty list uchar int vertex_indices\nproperty int label\nproperty {scalar} red\n\
+                 property {scalar} green\nproperty {scalar} blue\nend_header\n\
+                 0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 0 1 2 1 {}\n3 1 3 2 0 {}\n",
+                colours[0], colours[1]
+            );
+            std::fs::write(&path, text).unwrap();
+            let work = WorkDir::temporary(dir.path()).unwrap();
+            let labelled = LabelledFaces::of_mesh(&Mesh::open(&path).unwrap(), Context::new(&work, &run));
+            let labelled = labelled.unwrap().unwrap();
+            assert_eq!(labelled.labels[..], [1, 0]);
+            labelled.colours.unwrap()
+        };
+        let expected = [[0, 51, 255], [255, 102, 0]];
+        assert_eq!(colours("uchar", ["255 102 0", "0 51 255"]), expected);
+        assert_eq!(colours("float", ["1 .4 0", "0 .2 1"]), expected);
+        assert_eq!(colours("double", ["255 102 -1", "0 51 300"]), expected);
     }
 }

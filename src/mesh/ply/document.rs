@@ -175,6 +175,20 @@ impl Document {
         self.numbers(self.face, wanted, run, visit)
     }
 
+    /// As [`Document::for_each_face`], with the numbers as they stand.
+    ///
+    /// # Errors
+    /// As [`Document::for_each_face`].
+    pub fn for_each_face_real<const N: usize>(
+        &self,
+        names: [&str; N],
+        run: &Run,
+        visit: impl FnMut(usize, [f64; N]) -> Result<()>,
+    ) -> Result<()> {
+        let wanted = names.map(|name| Some(self.property(ElementKind::Faces, name)?.property));
+        self.numbers(self.face, wanted, run, visit)
+    }
+
     fn numbers<T: Number, const N: usize>(
         &self,
         element: usize,
