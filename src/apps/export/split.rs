@@ -22,6 +22,8 @@ use std::path::Path;
 
 /// The list of the parts' files.
 pub const LIST: &str = "parts.json";
+/// Bytes of a name in a file's name at the most.
+const LONGEST: usize = 200;
 /// Vertices of a word.
 const BLOCK: usize = 64;
 /// A step between floats, in mean edges, that shows.
@@ -53,10 +55,16 @@ impl From<PartForm> for Folder {
     }
 }
 
-/// `name` as any file system takes it: letters and digits stay.
+/// `name` as any file system takes it: letters and digits stay, as many as fit into 255 bytes together with what stands
+/// around them and `.partial`.
 pub(super) fn plain_name(name: Option<&str>) -> String {
     let plain = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
-    let name: String = name.unwrap_or_default().chars().take(60).map(plain).collect();
+    let mut bytes = 0;
+    let fits = |c: &char| {
+        bytes += c.len_utf8();
+        bytes <= LONGEST
+    };
+    let name: String = name.unwrap_or_default().chars().take(60).map(plain).take_while(fits).collect();
     name.trim_matches('_').to_string()
 }
 
@@ -368,6 +376,15 @@ mod tests {
     use super::*;
     use crate::base::Progress;
     use std::sync::Mutex;
+
+    #[test]
+    fn names_of_long_letters_have_room_in_a_file_name() {
+        for (letter, letters) in [("a", 60), ("ж", 60), ("耳", 60), ("𝒜", 50)] {
+            let name = file_name(u32::MAX as usize, Some(&letter.repeat(100)), PartForm::Binary);
+            assert_eq!(name, format!("part_4294967295_{}.ply", letter.repeat(letters)));
+            assert!(name.len() + ".partial".len() <= 255);
+        }
+    }
 
     /// Keeps what is told.
     #[derive(Default)]
