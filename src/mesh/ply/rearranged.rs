@@ -258,6 +258,9 @@ impl<'a> RearrangedWriter<'a> {
         let Kind::One(scalar) = kind else { return self.encoder.value(cursor, kind, out) };
         let v = cursor.integer(scalar)?;
         let new = usize::try_from(v).ok().and_then(|v| self.order.numbers.get(v)).map_or(v, |&new| i64::from(new));
+        if u64::try_from(new).is_ok_and(|new| new > scalar.greatest()) && self.encoder.target != Encoding::Ascii {
+            return Err(Fault::Text(format!("vertex {new}")));
+        }
         self.encoder.integer(scalar, new, out);
         Ok(())
     }
@@ -315,4 +318,38 @@ fn sorted(
         Ok(bytes)
     };
     run.in_order(shuffle.buckets(), || (), sort, |_, bytes| out.pass(&bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::{Run, WorkDir};
+
+    #[test]
+    fn ends_of_edges_beyond_their_type_are_refused_instead_of_cut_off() {
+        const VERTICES: u32 = 300;
+        let dir = tempfile::tempdir().unwrap();
+        let (path, out) = (dir.path().join("a.ply"), dir.path().join("b.ply"));
+        let mut text = format!(
+            "ply\nformat ascii 1.0\nelement vertex {VERTICES}\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 1\nproperty list uchar int vertex_indices\n\
+             element edge 2\nproperty uchar vertex1\nproperty char vertex2\nend_header\n"
+        );
+        (0..VERTICES).for_each(|v| text += &format!("{v} {} 0\n", v % 2));
+        std::fs::write(&path, text + "3 0 1 2\n0 1\n200 -1\n").unwrap();
+        let run = Run::new(&());
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        let mesh = Mesh::open(&path).unwrap();
+        let written = |numbers: &[u32], form| {
+            let order = Rearrangement { places: &[0], numbers, original: false };
+            write(&mesh, &out, &order, form, Context::new(&work, &run)).map(|()| std::fs::read(&out).unwrap())
+        };
+        let turned: Vec<u32> = (0..VERTICES).rev().collect();
+        let said = written(&turned, PlyForm::Binary).unwrap_err().to_string();
+        assert!(said.contains("edge 0: vertex 299 does not go with the type"), "{said}");
+        assert!(written(&turned, PlyForm::Ascii).unwrap().ends_with(b"299 298\n99 -1\n"));
+        // What is no vertex stays.
+        let kept: Vec<u32> = (0..VERTICES).collect();
+        assert!(written(&kept, PlyForm::Binary).unwrap().ends_with(&[0, 1, 200, 255]));
+    }
 }
