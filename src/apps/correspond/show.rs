@@ -39,15 +39,9 @@ fn draw(
 ) -> Result<Image> {
     let _scratch = context.work.scratch(&["picture.tmp.partial"]);
     let mut labels = context.work.array::<u32>("picture.tmp", &[mesh.faces.len()])?;
-    let step = |sum: u32, count: u32| (sum * LEVELS / (256 * count.max(1))).min(LEVELS - 1);
     let label = |face: usize, _: u32| {
         mesh.faces.with(face, |corners| {
-            let mut sum = [0u32; 3];
-            for &v in corners {
-                let colour = colour(v);
-                (0..3).for_each(|k| sum[k] += u32::from(colour[k]));
-            }
-            let [r, g, b] = sum.map(|sum| step(sum, corners.len() as u32));
+            let [r, g, b] = mean_levels(corners.iter().map(|&v| colour(v)));
             (r * LEVELS + g) * LEVELS + b
         })
     };
@@ -56,4 +50,24 @@ fn draw(
     let palette: Vec<[u8; 3]> =
         (0..LEVELS.pow(3)).map(|k| [k / (LEVELS * LEVELS), k / LEVELS % LEVELS, k % LEVELS].map(shade)).collect();
     render(mesh, Some(&labels.data()[..]), &palette, params, context.run)
+}
+
+/// The levels of the mean of `colours`, of which a face may have millions.
+fn mean_levels(colours: impl ExactSizeIterator<Item = [u8; 3]>) -> [u32; 3] {
+    let (mut sum, whole) = ([0u64; 3], 256 * colours.len().max(1) as u64);
+    for colour in colours {
+        (0..3).for_each(|k| sum[k] += u64::from(colour[k]));
+    }
+    sum.map(|sum| ((sum * u64::from(LEVELS) / whole) as u32).min(LEVELS - 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_face_of_a_million_white_corners_is_white() {
+        assert_eq!(mean_levels(std::iter::repeat_n([255; 3], 1_000_000)), [LEVELS - 1; 3]);
+        assert_eq!(mean_levels(std::iter::empty::<[u8; 3]>()), [0; 3]);
+    }
 }
