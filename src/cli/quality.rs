@@ -207,10 +207,15 @@ fn tell_errors(errors: &[Vec<EmbeddingError>], args: &QualityArgs) -> Result<()>
             let all: Vec<f64> = errors.iter().map(|mesh| value(&mesh[k])).collect();
             Spread::of(&all).unwrap_or_default()
         };
+        // Fewer where a mesh has fewer nodes.
+        let numbers = || errors.iter().map(|mesh| mesh[k].l);
+        let l = match (numbers().min(), numbers().max()) {
+            (Some(least), Some(most)) if least < most => format!("{least}-{most}"),
+            (_, most) => most.unwrap_or(0).to_string(),
+        };
         let shown = |spread: Spread| format!("{:.4} ± {:.4}", spread.mean, spread.deviation);
         text += &format!(
-            "{:>5} {:>16} {:>16} {:>16} {:>7.0} %\n",
-            errors[0][k].l,
+            "{l:>5} {:>16} {:>16} {:>16} {:>7.0} %\n",
             shown(spread(|e| e.plain)),
             shown(spread(|e| e.orthogonal)),
             shown(spread(|e| e.by_area)),

@@ -181,3 +181,19 @@ fn a_pipe_is_read_once() {
     let output = run(&["plan", word(&pipe)]);
     assert!(output.status.code() == Some(1) && errors(&output).contains("is a pipe"), "{}", errors(&output));
 }
+
+/// All rows had the first mesh's.
+#[test]
+fn numbers_of_landmarks_of_embeddings_are_of_all_meshes() {
+    let dir = common::in_memory();
+    let small = dir.path().join("small.off");
+    std::fs::write(&small, "OFF 4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n").unwrap();
+    let large = common::creature(dir.path(), 500, false);
+    for meshes in [[&small, &large], [&large, &small]] {
+        let [a, b] = meshes.map(|mesh| word(mesh));
+        let output = run(&["quality", a, b, "--embedding", "-l", "8", "-q"]);
+        assert!(output.status.success(), "{}", errors(&output));
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(text.lines().nth(1).is_some_and(|row| row.starts_with("  4-8 ")), "{text}");
+    }
+}
