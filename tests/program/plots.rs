@@ -109,3 +109,22 @@ fn eigenvalues_of_a_decision_about_another_graph_are_not_drawn() {
         assert!(code == 1 && err.contains("work: "), "{err}");
     }
 }
+
+/// They were taken for those of the cut of the same numbers, which are of other parts once an edit has split one.
+#[test]
+fn colours_of_edited_parts_are_not_those_of_the_hierarchys_cut() {
+    let dir = common::in_memory();
+    let mesh = common::creature(dir.path(), 8_000, false);
+    let (work, edits, out) = (dir.path().join("work"), dir.path().join("edits.json"), dir.path().join("x.seg"));
+    common::segment(&mesh, &["-q", "--work-dir", word(&work), "-o", word(&out)]);
+    let at = nystrom_stream::Mesh::open(&mesh).unwrap().positions.get(0);
+    let split = serde_json::json!({
+        "format": "nystrom-stream edits", "version": 1, "edits": [{"edit": "split", "at": at, "into": 3}],
+    });
+    std::fs::write(&edits, split.to_string()).unwrap();
+    let words = ["cluster", "-q", "--work-dir", word(&work), "--edits", word(&edits), "-o", word(&out)];
+    assert!(common::run(&words).status.success());
+    assert_eq!(plot(dir.path(), "work --tree edited.svg").0, 0);
+    assert_eq!(plot(dir.path(), "work --tree plain.svg --detail 0").0, 0);
+    assert_eq!(text(dir.path(), "edited.svg"), text(dir.path(), "plain.svg"));
+}
