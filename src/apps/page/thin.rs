@@ -44,7 +44,8 @@ impl Thin {
         // A surface of area A meets some 2 A / h² triangles' worth of cells of size h.
         let size = match triangles <= target as u64 {
             true => 0.,
-            false => (2.2 * area / target as f64).sqrt().max(side / FINEST),
+            // Triangles without area along a curve meet as many cells as it does; those in one place meet one.
+            false => (2.2 * area / target as f64).sqrt().max(side / FINEST.min(target as f64)).max(f64::MIN_POSITIVE),
         };
         let mut merged = Merged { low, size, ..Merged::default() };
         let mut seen: HashSet<[u32; 3]> = HashSet::new();
@@ -96,7 +97,7 @@ impl Merged {
     }
 }
 
-/// Calls `visit` with every face whose corners have finite positions.
+/// Calls `visit` with every face that has triangles, and whose corners have finite positions.
 fn for_faces(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32], &[[f64; 3]])) -> Result<()> {
     let mut positions = Vec::new();
     for start in (0..mesh.faces.len()).step_by(1 << 16) {
@@ -104,7 +105,7 @@ fn for_faces(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32], &[[f64
         mesh.faces.for_each(start..mesh.faces.len().min(start + (1 << 16)), |face, corners| {
             positions.clear();
             positions.extend(corners.iter().map(|&v| mesh.positions.get(v)));
-            if positions.iter().all(|&p| finite(p)) {
+            if corners.len() > 2 && positions.iter().all(|&p| finite(p)) {
                 visit(face, corners, &positions);
             }
         });
@@ -141,5 +142,26 @@ mod tests {
         assert!(expected.len() < 2_000);
         faces.resize(2 * faces.len(), Vec::new());
         assert!(triangles(&faces) == expected);
+    }
+
+    #[test]
+    fn faces_of_two_corners_bring_no_vertices() {
+        let points: Vec<[f64; 3]> = (0..3_000).map(|v| [f64::from(v), f64::from(v % 2), 0.]).collect();
+        let mut faces: Vec<Vec<u32>> = (0..2_999).map(|v| vec![v, v + 1]).collect();
+        faces.push(vec![0, 1, 2]);
+        let mesh = Mesh::from_slices(&points, &faces).unwrap();
+        let thin = Thin::of(&mesh, 1_000, &Run::new(&())).unwrap();
+        assert_eq!((thin.positions.len(), thin.triangles, thin.faces), (3, vec![[0, 1, 2]], vec![2_999]));
+    }
+
+    #[test]
+    fn triangles_without_area_are_thinned() {
+        for step in [1., 0.] {
+            let points: Vec<[f64; 3]> = (0..20_000).map(|v| [step * f64::from(v), 0., 0.]).collect();
+            let faces: Vec<[u32; 3]> = (0..19_998).map(|v| [v, v + 1, v + 2]).collect();
+            let thin = Thin::of(&Mesh::from_slices(&points, &faces).unwrap(), 1_000, &Run::new(&())).unwrap();
+            let size = (thin.triangles.len(), thin.positions.len());
+            assert!(size.0 <= 2_000 && size.1 <= 2_000, "{step}: {size:?}");
+        }
     }
 }
