@@ -29,12 +29,30 @@ const TEMPORARY: &str = ".nystrom-stream-";
 /// What came of locking a folder.
 #[derive(Debug)]
 pub(super) enum Lock {
-    /// It is held as long as the file is open.
-    Held(File),
+    /// It is held until this is dropped.
+    Held(HeldLock),
     /// Another process has it.
     Busy,
     /// The file system has no locks, or a reader cannot have one.
     Unsupported,
+}
+
+/// The lock on a folder, held until this is dropped.
+#[derive(Debug)]
+pub(super) struct HeldLock {
+    file: File,
+    /// The process that has locked it; one that was forked from it has a copy of this.
+    process: u32,
+}
+
+impl Drop for HeldLock {
+    fn drop(&mut self) {
+        // Closing the file is not enough: a process that another thread is just starting has a copy of it until its
+        // program runs, and the next who opens the folder would be told that it is in use.
+        if self.process == std::process::id() {
+            let _ = fs4::FileExt::unlock(&self.file);
+        }
+    }
 }
 
 /// A folder and the lock on it.
@@ -44,7 +62,7 @@ struct Folder {
     /// Why it could not be made; then every file in it fails as the folder did.
     failure: Option<Error>,
     /// None without a lock.
-    lock: Option<File>,
+    lock: Option<HeldLock>,
 }
 
 /// The folder of a work directory, which may be made only when its first file needs it.
@@ -56,7 +74,7 @@ pub(super) struct WorkFolder {
 
 impl WorkFolder {
     /// The folder `path`, whose lock is held as long as `lock` is open; `None` where the file system has no locks.
-    pub fn of(path: &Path, lock: Option<File>) -> Self {
+    pub fn of(path: &Path, lock: Option<HeldLock>) -> Self {
         let folder = Folder { path: path.to_path_buf(), failure: None, lock };
         Self { folder: OnceLock::from(folder), ..Self::put_off(Path::new("")) }
     }
@@ -141,7 +159,7 @@ pub(super) fn lock(path: &Path, shared: bool) -> Result<Lock> {
     };
     let tried = if shared { fs4::FileExt::try_lock_shared(&file) } else { fs4::FileExt::try_lock(&file) };
     match tried {
-        Ok(()) => Ok(Lock::Held(file)),
+        Ok(()) => Ok(Lock::Held(HeldLock { file, process: std::process::id() })),
         Err(fs4::TryLockError::WouldBlock) => Ok(Lock::Busy),
         Err(fs4::TryLockError::Error(error)) if without_locks(&error) => Ok(Lock::Unsupported),
         Err(fs4::TryLockError::Error(error)) => Err(Error::io(path.join(LOCK), "lock")(error)),
@@ -217,9 +235,9 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
         let lock = match locked? {
             Lock::Busy => continue,
             Lock::Unsupported => None,
-            Lock::Held(mut file) => {
-                file.write_all(&machine()).map_err(Error::io(path.join(LOCK), "write"))?;
-                Some(file)
+            Lock::Held(mut held) => {
+                held.file.write_all(&machine()).map_err(Error::io(path.join(LOCK), "write"))?;
+                Some(held)
             }
         };
         remove_abandoned(parent, &path);
@@ -336,11 +354,24 @@ mod tests {
         let other = private(dir.path()).unwrap();
         assert!(path.join("input").exists());
         let PrivateFolder(Folder { lock, .. }) = &folder;
-        fs4::FileExt::unlock(lock.as_ref().unwrap()).unwrap();
+        fs4::FileExt::unlock(&lock.as_ref().unwrap().file).unwrap();
         drop(private(dir.path()).unwrap());
         assert!(!path.exists() && other.path().exists());
         drop((folder, other));
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    /// Regression: a process that was just being started by another thread kept the lock for a moment after the folder
+    /// was closed.
+    #[test]
+    fn a_copy_of_the_lock_file_does_not_keep_the_lock() {
+        let dir = tempfile::tempdir().unwrap();
+        let Ok(Lock::Held(held)) = lock(dir.path(), false) else { panic!("it is not locked") };
+        let copy = held.file.try_clone().unwrap();
+        assert!(matches!(lock(dir.path(), false), Ok(Lock::Busy)));
+        drop(held);
+        assert!(matches!(lock(dir.path(), false), Ok(Lock::Held(_))));
+        drop(copy);
     }
 
     /// A run that was killed between making its folder and locking it, or between emptying and removing it, left

@@ -108,7 +108,7 @@ impl WorkDir {
         }
         let lock = match lock(path, shared)? {
             Lock::Busy => return Ok(None),
-            Lock::Held(file) => Some(file),
+            Lock::Held(held) => Some(held),
             Lock::Unsupported => None,
         };
         let manifest = match std::fs::read_to_string(&manifest_path) {
