@@ -395,9 +395,6 @@ impl Mesh {
     /// place in space are left out.
     #[inline]
     pub fn triangles(&self, corners: &[u32], mut visit: impl FnMut([u32; 3], [[f64; 3]; 3])) {
-        if corners.len() <= 3 {
-            return self.fan(corners, visit);
-        }
         let at = |k: usize| self.positions.get(corners[k]);
         polygon::triangles_of(corners.len(), at, |numbers| {
             let places = numbers.map(at);
@@ -405,22 +402,6 @@ impl Mesh {
                 visit(numbers.map(|k| corners[k]), places);
             }
         });
-    }
-
-    /// Calls `visit(corners, positions)` for the triangles of the fan of a face's `corners`; those without a place in
-    /// space are left out.
-    #[inline]
-    pub fn fan(&self, corners: &[u32], mut visit: impl FnMut([u32; 3], [[f64; 3]; 3])) {
-        let [first, second, rest @ ..] = corners else { return };
-        let origin = self.positions.get(*first);
-        let (mut before, mut at) = (*second, self.positions.get(*second));
-        for &corner in rest {
-            let position = self.positions.get(corner);
-            if finite(origin) && finite(at) && finite(position) {
-                visit([*first, before, corner], [origin, at, position]);
-            }
-            (before, at) = (corner, position);
-        }
     }
 }
 

@@ -37,7 +37,7 @@ fn area(mesh: &Mesh) -> f64 {
     let mut sum = 0.;
     mesh.faces.for_each(0..mesh.faces.len(), |_, corners| {
         use nystrom_stream::base::vector::{double_area, length};
-        mesh.fan(corners, |_, at| sum += 0.5 * length(double_area(at)));
+        mesh.triangles(corners, |_, at| sum += 0.5 * length(double_area(at)));
     });
     sum
 }

@@ -292,7 +292,7 @@ mod tests {
 
     fn area(mesh: &Mesh, corners: &[u32]) -> f64 {
         let mut sum = 0.;
-        mesh.fan(corners, |_, at| sum += 0.5 * length(double_area(at)));
+        mesh.triangles(corners, |_, at| sum += 0.5 * length(double_area(at)));
         sum
     }
 
