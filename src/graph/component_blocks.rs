@@ -31,12 +31,9 @@ const FULL: usize = usize::MAX;
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result<bool> {
-    let room = 8 * MOST_BETWEEN as u64;
     // Vectors grow to twice what they hold.
-    if run.budget.left() < 2 * room {
-        return Ok(false);
-    }
-    let _grant = run.budget.take("components", 2 * room, 2 * room)?;
+    let room = 2 * 8 * MOST_BETWEEN as u64;
+    let Ok(_grant) = run.budget.take("components", room, room) else { return Ok(false) };
     let size = NODES.max(roots.len().div_ceil(BLOCKS));
     let held = AtomicUsize::new(0);
     let between = run.fill_chunks(
