@@ -56,8 +56,15 @@ pub fn identity(path: &Path) -> Result<Value> {
 /// # Errors
 /// As [`identity`].
 pub fn content(path: &Path) -> Result<Value> {
-    let known = identity(path)?;
-    Ok(json!({"bytes": known["bytes"], "whole": checksum(path)?}))
+    content_as_seen(path, &identity(path)?, None)
+}
+
+/// The same of the file whose [`identity`] is `seen`, as `record` has it where that is what its run saw.
+fn content_as_seen(path: &Path, seen: &Value, record: Option<&Record>) -> Result<Value> {
+    match record.filter(|record| record.seen == *seen) {
+        Some(record) => Ok(record.identity.clone()),
+        None => Ok(json!({"bytes": seen["bytes"], "whole": checksum(path)?})),
+    }
 }
 
 /// What identifies the input at `path` in the work directory `work`: its content in one that lasts, as the record has
@@ -70,9 +77,10 @@ pub fn identity_in(path: &Path, work: &WorkDir) -> Result<Value> {
     if work.is_temporary() {
         return Ok(seen);
     }
-    // For the record: a file that changes from here on, however long the run takes, is read anew by the next one.
+    let content = content_as_seen(path, &seen, Record::read(work).ok().as_ref())?;
+    // For the record: a file that changed since it was seen, however long the run takes, is read anew by the next one.
     *lock(&work.input) = seen;
-    recorded_or_content(path, Record::read(work).ok().as_ref())
+    Ok(content)
 }
 
 /// [`content`], as `record` has it where nothing has changed since the run that made it began.
@@ -80,10 +88,7 @@ pub fn identity_in(path: &Path, work: &WorkDir) -> Result<Value> {
 /// # Errors
 /// As [`identity`].
 pub fn recorded_or_content(path: &Path, record: Option<&Record>) -> Result<Value> {
-    match record.filter(|record| identity(path).is_ok_and(|seen| seen == record.seen)) {
-        Some(record) => Ok(record.identity.clone()),
-        None => content(path),
-    }
+    content_as_seen(path, &identity(path)?, record)
 }
 
 /// Whether two identities in work directories that last are of the same content.
