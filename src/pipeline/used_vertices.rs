@@ -159,7 +159,7 @@ impl UsedOfTwo {
         if self.0.iter().all(Option::is_none) {
             return Ok(found);
         }
-        let Correspondence { matches, points, functional, mut refined, mut sides, .. } = found;
+        let Correspondence { matches, points, functional, mut sides, .. } = found;
         let (run, n) = (context.run, self.0[0].as_ref().map_or(matches.len(), |used| used.all));
         let at = |v: usize| self.0[0].as_ref().map_or(Some(v), |used| used.at(v));
         let mut array = context.work.array::<Match>("all_matches.npy", &[n])?;
@@ -182,11 +182,10 @@ impl UsedOfTwo {
             Ok(FunctionalMap { map, bases: [self.values(0, a, context)?, self.values(1, b, context)?] })
         };
         let functional = functional.map(all_functions).transpose()?;
-        refined.iter_mut().flat_map(|one| &mut one.sample).for_each(|v| *v = self.in_file(1, (*v).into()) as u32);
         for (side, facts) in sides.iter_mut().enumerate() {
             facts.landmarks.iter_mut().for_each(|v| *v = self.in_file(side, (*v).into()) as u32);
         }
-        Ok(Correspondence { matches, points, functional, refined, sides, ..found })
+        Ok(Correspondence { matches, points, functional, sides, ..found })
     }
 
     /// The values of `basis` at all vertices of the file on a side.

@@ -415,3 +415,18 @@ fn unused_vertices_change_nothing_but_have_no_match() {
     let refused = found(&a, &b, &guidance(to_a(9) + 1, to_b(7))).unwrap_err().to_string();
     assert!(refused.contains("no triangle uses one of them"), "{refused}");
 }
+
+/// A coarse mesh is subdivided to be refined, and what refinement knows of its vertices was taken for vertices of the
+/// file: two boxes, one with a vertex that no triangle uses, ended in a panic.
+#[test]
+fn a_coarse_mesh_with_an_unused_vertex_is_matched() {
+    let mut corners: Vec<[f64; 3]> =
+        (0..8).map(|v| [(v & 1).into(), 1.3 * f64::from(v >> 1 & 1), 1.7 * f64::from(v >> 2)]).collect();
+    let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces: Vec<[u32; 3]> = sides.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    let plain = Mesh::from_slices(&corners, &faces).unwrap();
+    corners.push([0.5; 3]);
+    let odd = Mesh::from_slices(&corners, &faces).unwrap();
+    let found = |b: &Mesh| nystrom_stream::Matcher::new().run(&plain, b).unwrap();
+    assert_eq!(found(&odd).matches(), found(&plain).matches());
+}

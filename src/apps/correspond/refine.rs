@@ -132,9 +132,9 @@ pub struct Outcome {
     /// The map C (k × k): Φ_B ≈ C Φ_A.
     #[serde(skip)]
     pub map: DMatrix<f64>,
-    /// The matches of A's sample, vertices of B.
+    /// The matches of A's sample, vertices of the mesh that stood for B.
     #[serde(skip)]
-    pub sample: Vec<u32>,
+    pub(super) sample: Vec<u32>,
 }
 
 impl Outcome {
