@@ -43,7 +43,7 @@ pub fn open_file(path: &Path, folder: &Path, run: &Run) -> Result<mesh::Mesh, Er
 
 /// What `open` opens, as a stage, with its oddities.
 fn told(run: &Run, open: impl FnOnce() -> Result<mesh::Mesh, Error>) -> Result<mesh::Mesh, Error> {
-    let (opened, _) = run.stage("read", "bytes", 0, open)?;
+    let (opened, _) = run.stage("read", "faces", 0, open)?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
     Ok(opened)
 }
@@ -57,20 +57,18 @@ pub fn check_there(path: &Path) -> Result<(), Error> {
 }
 
 /// The mesh that `source` streams, standard input or a pipe, which is spooled into the work directory. Which mesh it is
-/// shows only then, so the one that is there steps aside until the other is admitted.
+/// shows only then, so it replaces the one that is there when it is admitted.
 fn piped(source: impl Read, name: &str, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
-    let (input, aside) = (work.file(SPOOLED), work.file("input.before.tmp"));
-    let kept = !work.is_temporary() && !force.force && std::fs::rename(&input, &aside).is_ok();
-    let read = || mesh::open_reader(source, name, work.path(), run);
-    let result = told(run, read).and_then(|opened| {
-        let identity = json!({"stdin": workdir::checksum(&input)?});
+    let (input, spooled) = (work.file(SPOOLED), work.file("input.tmp"));
+    let result = told(run, || mesh::open_reader(source, name, &spooled, run)).and_then(|opened| {
+        let identity = json!({"stdin": workdir::checksum(&spooled)?});
         admit(Path::new("-"), &identity, force.force, context)?;
+        std::fs::rename(&spooled, &input).map_err(Error::io(&input, "rename"))?;
         Ok((opened, identity))
     });
-    match &result {
-        Err(_) if kept => drop(std::fs::rename(&aside, &input)),
-        _ => work.remove("input.before.tmp"),
+    if result.is_err() {
+        work.remove("input.tmp");
     }
     result
 }

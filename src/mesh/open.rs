@@ -82,23 +82,23 @@ pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
     if is_pipe(path) {
         // It cannot be mapped.
         let pipe = File::open(path).map_err(Error::io(path, "open"))?;
-        return open_stream(pipe, path, scratch, run);
+        return open_stream(pipe, path, &scratch.join("input"), run);
     }
     open_bytes(path, MappedBytes::open(path)?, true, scratch, run)
 }
 
-/// Opens a mesh file that comes as a stream, which is spooled to `scratch` first. `name` stands
-/// for the path in messages.
+/// Opens a mesh file that comes as a stream, which is spooled to the file `to` first; what has to be decoded lies beside
+/// it. `name` stands for the path in messages.
 ///
 /// # Errors
 /// As [`open`].
-pub fn open_reader(source: impl Read, name: &str, scratch: &Path, run: &Run) -> Result<Mesh> {
-    open_stream(source, Path::new(name), scratch, run)
+pub fn open_reader(source: impl Read, name: &str, to: &Path, run: &Run) -> Result<Mesh> {
+    open_stream(source, Path::new(name), to, run)
 }
 
-fn open_stream(mut source: impl Read, path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
-    let bytes = spool(path, &mut source, &scratch.join("input"), run)?;
-    open_bytes(path, bytes, false, scratch, run)
+fn open_stream(mut source: impl Read, path: &Path, to: &Path, run: &Run) -> Result<Mesh> {
+    let bytes = spool(path, &mut source, to, run)?;
+    open_bytes(path, bytes, false, to.parent().unwrap_or(Path::new("")), run)
 }
 
 /// Opens the mesh in `bytes`, which are those of the file at `path` itself or come from elsewhere.

@@ -96,7 +96,7 @@ fn a_stream_opens_like_the_file() {
         let scratch = tempfile::tempdir().unwrap();
         let file = std::fs::File::open(data.join(name)).unwrap();
         let run = Run::new(&());
-        let opened = mesh::open_reader(file, "<stdin>", scratch.path(), &run).unwrap();
+        let opened = mesh::open_reader(file, "<stdin>", &scratch.path().join("input"), &run).unwrap();
         assert_eq!((opened.positions.len(), opened.faces.len()), (2002, 4000), "{name}");
         assert_eq!(opened.path(), Path::new("<stdin>"));
     }

@@ -111,7 +111,8 @@ fn a_labelled_ply_comes_of_any_form() {
         (0..300).map(|k| format!("{k} ")).collect::<String>()
     );
     std::fs::write(&path, many).unwrap();
-    let opened = mesh::open_reader(std::fs::File::open(&path).unwrap(), "<stdin>", dir.path(), &run()).unwrap();
+    let file = std::fs::File::open(&path).unwrap();
+    let opened = mesh::open_reader(file, "<stdin>", &dir.path().join("input"), &run()).unwrap();
     assert_eq!(faces(&opened)[0].len(), 300);
 }
 

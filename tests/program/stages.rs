@@ -4,8 +4,10 @@
 use crate::common::{self, creature, errors, run, segment, word, zoo};
 use nystrom_stream::mesh::read_seg;
 use nystrom_stream::store::npy;
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{Output, Stdio};
+use std::time::Duration;
 
 /// Runs a subcommand on `work`, which must succeed; returns what it told.
 fn stage(words: &[&str], work: &Path) -> String {
@@ -296,6 +298,19 @@ fn a_mesh_from_standard_input_stays_in_the_work_directory() {
     assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
     assert!(errors(&output).contains("is of another mesh, one from standard input"), "{}", errors(&output));
     let before = std::fs::read(&ply).unwrap();
+    stage(&["cluster", "-k", "3", "-o", word(&ply)], work);
+    assert!(std::fs::read(&ply).unwrap() == before);
+    // Regression: the mesh that is there stepped aside under the name of a temporary file, and where a run was killed
+    // while it read, the next command removed it.
+    let mut killed = common::program().args(words).stdin(Stdio::piped()).spawn().unwrap();
+    let mut pipe = killed.stdin.take().unwrap();
+    pipe.write_all(&std::fs::read(&other).unwrap()).unwrap();
+    while !work.join("input.tmp.partial").exists() {
+        assert!(killed.try_wait().unwrap().is_none());
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    killed.kill().unwrap();
+    killed.wait().unwrap();
     stage(&["cluster", "-k", "3", "-o", word(&ply)], work);
     assert!(std::fs::read(&ply).unwrap() == before);
     assert!(piped(mesh, &[]).status.success());
