@@ -28,12 +28,12 @@ use std::sync::Arc;
 /// Rows of a group: enough for readers to skip and share out, few enough to hold.
 pub const GROUP: usize = 1 << 18;
 
-/// Rows that a thread measures at a time.
+/// Rows that a thread measures, or gives to an encoder, at a time.
 const CHUNK: usize = 1 << 14;
 
 type Out<'a> = BufWriter<&'a mut File>;
 
-/// Bytes that a thread holds per row of a group: the values of a column, and what the encoder makes of them.
+/// Bytes that a thread holds per row of a group, of what the encoder makes of a column.
 const BYTES_PER_THREAD: u64 = 24;
 
 /// `run` on as many threads as the budget has room for in groups of a table of `rows`, and what it grants: `held` bytes
@@ -60,8 +60,15 @@ pub type Column<'a> = Box<dyn Fn(&mut ColumnWriter<'_>) -> Result<(), ParquetErr
 /// The column of the values that `values` tells.
 pub fn column<'a, T: DataType, V: Iterator<Item = T::T>>(values: impl Fn() -> V + Sync + 'a) -> Column<'a> {
     Box::new(move |writer| {
-        let values: Vec<T::T> = values().collect();
-        get_typed_column_writer_mut::<T>(writer).write_batch(&values, None, None).map(drop)
+        let (mut values, mut some) = (values(), Vec::with_capacity(CHUNK));
+        loop {
+            some.clear();
+            some.extend(values.by_ref().take(CHUNK));
+            if some.is_empty() {
+                return Ok(());
+            }
+            get_typed_column_writer_mut::<T>(writer).write_batch(&some, None, None)?;
+        }
     })
 }
 
@@ -223,6 +230,8 @@ impl FaceTable<'_> {
             .set_dictionary_enabled(false)
             .set_column_dictionary_enabled(ColumnPath::from("label"), true)
             .set_column_dictionary_enabled(ColumnPath::from("name"), true)
+            // However long names are, each is written once per group.
+            .set_column_dictionary_page_size_limit(ColumnPath::from("name"), usize::MAX)
             .set_column_encoding(ColumnPath::from("face"), Encoding::DELTA_BINARY_PACKED);
         let schema = self.schema();
         let mut writer = Writer::new(self.path, file, &schema, properties)?;
@@ -249,6 +258,9 @@ impl FaceTable<'_> {
             });
             Ok(())
         })?;
+        // All rows of a part share its name.
+        let names: Vec<_> = self.labelling.names.iter().map(|name| Bytes::from(name.clone())).collect();
+        let name = |&label: &u32| ByteArray::from(names.get(label as usize).cloned().unwrap_or_default());
         let mut columns: Vec<Column> = vec![
             column::<Int32Type, _>(|| (start..end).map(|face| face as u32 as i32)),
             column::<Int32Type, _>(|| labels.iter().map(|&label| label as i32)),
@@ -258,9 +270,8 @@ impl FaceTable<'_> {
         if let Some(quality) = self.labelling.quality {
             columns.push(column::<FloatType, _>(move || quality[start..end].iter().copied()));
         }
-        if !self.labelling.names.is_empty() {
-            let name = |&label: &u32| ByteArray::from(self.labelling.name(label as usize).unwrap_or_default());
-            columns.push(column::<ByteArrayType, _>(move || labels.iter().map(name)));
+        if !names.is_empty() {
+            columns.push(column::<ByteArrayType, _>(|| labels.iter().map(name)));
         }
         if let Some(Coordinates { values, dimensions }) = self.embedding {
             let rows = &values[start * dimensions..end * dimensions];
@@ -289,5 +300,19 @@ mod tests {
         let (area, centroid) = measure(&beyond);
         assert!(area == 0. && (centroid[0] - 4. / 3.).abs() < 1e-12 && (centroid[1] - 1. / 3.).abs() < 1e-12);
         assert_eq!(measure(&[[f64::INFINITY; 3]; 3]).0, 0.);
+    }
+    /// A name was copied for each face of its part, and beyond a mebibyte of names written so as well.
+    #[test]
+    fn each_name_is_written_once() {
+        let faces = vec![[0, 1, 2]; 60];
+        let mesh = Mesh::from_slices(&[[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]], &faces).unwrap();
+        let labels: Vec<u32> = (0..60).map(|face| face % 3).collect();
+        let names = ["head", "arm"].map(|name| name.repeat(200_000));
+        let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &names };
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("names.parquet");
+        write(&path, &mesh, &labelling, None, &Run::new(&())).unwrap();
+        let bytes = std::fs::metadata(&path).unwrap().len();
+        assert!(bytes < 2 * (800_000 + 600_000), "{bytes} bytes");
     }
 }
