@@ -12,7 +12,7 @@ use crate::apps::correspond::Match;
 use crate::apps::transfer::transfer;
 use crate::base::tally::tally;
 use crate::base::{Error, Result};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, UNLABELLED};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::Serialize;
@@ -22,18 +22,28 @@ const SAME_PLACE: f64 = 0.05;
 /// Confidence below which a person should look, where meshes lie in the same place and where vertices are matched.
 const LOOK: [f64; 2] = [0.95, 0.6];
 const CHUNK: usize = 1 << 16;
+/// Bytes that reports and the manifest take for a part.
+const BYTES_PER_PART: u64 = 1 << 10;
 
 /// A mesh with the parts that others are to have.
 #[derive(Clone, Copy, Debug)]
 pub struct Reference<'a> {
     /// The mesh.
     pub mesh: &'a Mesh,
-    /// Part of each face (n); [`u32::MAX`]: none.
+    /// Part of each face (n); [`UNLABELLED`]: none.
     pub labels: &'a [u32],
     /// Colour of each part.
     pub colours: &'a [[u8; 3]],
     /// Name of each part, or none.
     pub names: &'a [String],
+}
+
+impl Reference<'_> {
+    /// How many parts there are: as many as the numbers up to the greatest.
+    fn parts(&self) -> usize {
+        let labelled = self.labels.iter().filter(|label| **label != UNLABELLED);
+        self.colours.len().max(labelled.map(|label| *label as usize + 1).max().unwrap_or(0))
+    }
 }
 
 /// How labels were carried over.
@@ -76,8 +86,11 @@ const VALUES: &str = "carried.tmp";
 /// Carries the labels of `reference` to `mesh`. Arrays lie in the folder of `context`, or in a temporary one within.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the reference; those of [`transfer`] and [`correspond`].
+/// [`Error::Parameter`] for labels that do not fit the reference; [`Error::Memory`] where its parts are numbered so high
+/// that there is no room for as many; those of [`transfer`] and [`correspond`].
 pub fn carry(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Result<Carried> {
+    let parts = BYTES_PER_PART * reference.parts() as u64;
+    context.run.budget.take("parts with all numbers up to the reference's greatest label", parts, parts)?;
     let work = WorkDir::temporary(context.work.path())?;
     let within = Context::new(&work, context.run);
     match transfer(reference.mesh, reference.labels, mesh, within) {
@@ -157,10 +170,7 @@ pub fn settle(
     context: Context<'_>,
 ) -> Result<SegmentedMesh> {
     let counts = tally(result.labels.iter().copied().zip(carried.values.iter().copied()));
-    let parts = reference
-        .colours
-        .len()
-        .max(reference.labels.iter().filter(|l| **l != u32::MAX).map(|l| *l as usize + 1).max().unwrap_or(0));
+    let parts = reference.parts();
     // What nothing was carried to gets a number of its own.
     let mut of_label = vec![(0u64, parts as u32); result.colours.len()];
     for ((label, value), count) in counts {

@@ -2,7 +2,8 @@
 
 use crate::common::{creature, errors, in_memory, run, segment, word};
 use crate::formats::{has_browser, tool};
-use nystrom_stream::mesh::{Mesh, read_seg};
+use nystrom_stream::mesh::{self, Labelling, Mesh, read_seg};
+use nystrom_stream::store::Run;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -485,6 +486,15 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     assert!(bytes("kept.ply") == bytes("near.ply") && bytes("near.ply") == bytes("creature_6000.like.ply"));
     let output = run(&["segment", word(&scene.mesh), "--like", word(&scene.mesh)]);
     assert!(!output.status.success() && errors(&output).contains("no face property `label`"), "{}", errors(&output));
+    // Regression: where one face had the label 20,000,000, ten gigabytes were asked for, whatever the budget.
+    let reference = mesh::open(&reference_mesh, scene.dir.path(), &Run::new(&())).unwrap();
+    let mut labels = vec![0; reference.faces.len()];
+    labels[0] = 20_000_000;
+    let odd = path("odd.ply");
+    reference.save(&odd, Labelling { labels: &labels, colours: &[], quality: None, names: &[] }).unwrap();
+    let output = run(&["segment", word(&near), "--like", word(&odd), "-q", "--max-memory", "1GiB"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(errors(&output).contains("the reference's greatest label"), "{}", errors(&output));
 }
 
 /// The edits of one mesh are carried to another: it needs no labels then, and neither does the file of edits fit the other mesh.
