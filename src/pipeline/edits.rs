@@ -259,9 +259,7 @@ fn hinted(
             Edit::Together { .. } => hints.groups.push(cells[number].clone()),
             _ => hints.groups.extend(cells[number].iter().map(|&cell| vec![cell])),
         }
-        for b in first..hints.groups.len() {
-            hints.apart.extend((first..b).map(|a| [a, b]));
-        }
+        hints.apart.push((first..hints.groups.len()).collect());
         of_edit.resize(hints.groups.len(), Some(number));
     }
     let mut values: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
@@ -270,9 +268,7 @@ fn hinted(
     }
     let first = hints.groups.len();
     hints.groups.extend(values.into_values());
-    for b in first..hints.groups.len() {
-        hints.apart.extend((first..b).map(|a| [a, b]));
-    }
+    hints.apart.push((first..hints.groups.len()).collect());
     of_edit.resize(hints.groups.len(), None);
     if hints.groups.is_empty() {
         return Ok(label.to_vec());

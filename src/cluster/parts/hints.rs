@@ -34,8 +34,26 @@ const UNREACHED: f64 = 1e3;
 pub struct Hints {
     /// Groups of cells, each of which belong together. A single cell may be a group.
     pub groups: Vec<Vec<u32>>,
-    /// Pairs of groups that belong apart, by their numbers.
-    pub apart: Vec<[usize; 2]>,
+    /// Sets of groups, by their numbers, of which no two belong together.
+    pub apart: Vec<Vec<usize>>,
+}
+
+impl Hints {
+    /// The first two groups that belong apart and that `class` gives the same number.
+    fn joined(&self, mut class: impl FnMut(u32) -> u32) -> Option<[usize; 2]> {
+        // For each class the last set that had it, and the group of it.
+        let mut seen = vec![(usize::MAX, 0); self.groups.len()];
+        for (number, set) in self.apart.iter().enumerate() {
+            for &group in set {
+                let seen = &mut seen[class(group as u32) as usize];
+                if seen.0 == number {
+                    return Some([seen.1, group]);
+                }
+                *seen = (number, group);
+            }
+        }
+        None
+    }
 }
 
 /// Why hints cannot be followed.
@@ -150,13 +168,8 @@ impl Affinities<'_> {
                 sets.join(group as u32, *group_at.entry(cell).or_insert(group as u32));
             }
         }
-        let mut apart: Vec<[u32; 2]> = Vec::new();
-        for &[a, b] in &hints.apart {
-            let (i, j) = (sets.find(a as u32), sets.find(b as u32));
-            if i == j {
-                return Err(Conflict::Joined([a, b]));
-            }
-            apart.push([i, j]);
+        if let Some(groups) = hints.joined(|group| sets.find(group)) {
+            return Err(Conflict::Joined(groups));
         }
         // Seeds by part, each of the class of its group.
         let mut by_part: BTreeMap<u32, Vec<Seed>> = BTreeMap::new();
@@ -173,8 +186,7 @@ impl Affinities<'_> {
             seeds.iter().for_each(|&(_, class)| {
                 trial.join(first, class);
             });
-            let sound = apart.iter().all(|&[i, j]| trial.find(i) != trial.find(j));
-            if sound {
+            if hints.joined(|group| trial.find(sets.find(group))).is_none() {
                 classes = trial;
                 new.iter_mut().filter(|label| **label == part).for_each(|label| *label = parts + first);
             } else {
@@ -253,11 +265,11 @@ mod tests {
     #[test]
     fn one_hint_moves_one_cut() {
         let label = [0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2];
-        let apart = Hints { groups: vec![vec![0], vec![5]], apart: vec![[0, 1]] };
+        let apart = Hints { groups: vec![vec![0], vec![5]], apart: vec![vec![0, 1]] };
         assert_eq!(follow(&apart, &label).unwrap(), (vec![0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3], 4));
         let together = Hints { groups: vec![vec![7, 11]], apart: vec![] };
         assert_eq!(follow(&together, &label).unwrap(), (vec![0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1], 2));
-        let none = Hints { groups: vec![vec![0], vec![7]], apart: vec![[0, 1]] };
+        let none = Hints { groups: vec![vec![0], vec![7]], apart: vec![vec![0, 1]] };
         assert_eq!(follow(&none, &label).unwrap().0, label, "a hint that holds already changes nothing");
     }
 
@@ -265,7 +277,7 @@ mod tests {
     fn a_place_moves_from_one_part_to_another() {
         let label = [0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2];
         // 4 belongs with 7, not with 1.
-        let hints = Hints { groups: vec![vec![4, 7], vec![1]], apart: vec![[0, 1]] };
+        let hints = Hints { groups: vec![vec![4, 7], vec![1]], apart: vec![vec![0, 1]] };
         assert_eq!(follow(&hints, &label).unwrap(), (vec![0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2], 3));
     }
 
@@ -273,7 +285,7 @@ mod tests {
     fn whole_parts_do_not_join_what_belongs_apart() {
         // 0 and 3 belong together, 5 and 7 too, 0 and 7 apart: the first part has to be divided.
         let label = [0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2];
-        let hints = Hints { groups: vec![vec![0, 2], vec![5, 7], vec![6]], apart: vec![[0, 2]] };
+        let hints = Hints { groups: vec![vec![0, 2], vec![5, 7], vec![6]], apart: vec![vec![0, 2]] };
         let (found, _) = follow(&hints, &label).unwrap();
         assert_ne!(found[0], found[6]);
         assert_eq!((found[5], found[0]), (found[7], found[2]));
@@ -281,7 +293,7 @@ mod tests {
 
     #[test]
     fn contradictions_are_told() {
-        let hints = Hints { groups: vec![vec![0, 5], vec![5], vec![9]], apart: vec![[2, 0], [0, 1]] };
+        let hints = Hints { groups: vec![vec![0, 5], vec![5], vec![9]], apart: vec![vec![2, 0], vec![0, 1]] };
         assert_eq!(follow(&hints, &[0; 12]), Err(Conflict::Joined([0, 1])));
     }
 
@@ -296,19 +308,18 @@ mod tests {
                 cells.swap(i, below(&mut random, i + 1));
             }
             let groups: Vec<Vec<u32>> = cells.chunks(2).take(4).map(<[u32]>::to_vec).collect();
-            let apart: Vec<[usize; 2]> = (0..3)
-                .map(|_| [below(&mut random, 4) as usize, below(&mut random, 4) as usize])
-                .filter(|[a, b]| a != b)
-                .collect();
+            let apart: Vec<Vec<usize>> =
+                (0..3).map(|_| (0..4).filter(|_| below(&mut random, 2) == 0).collect()).collect();
             let hints = Hints { groups, apart };
             let (found, parts) = follow(&hints, &label).unwrap();
             assert_eq!(found.iter().max().map(|top| *top as usize + 1), Some(parts));
             for group in &hints.groups {
                 assert!(group.iter().all(|&c| found[c as usize] == found[group[0] as usize]), "{seed} {hints:?}");
             }
-            for &[a, b] in &hints.apart {
-                let (a, b) = (hints.groups[a][0], hints.groups[b][0]);
-                assert_ne!(found[a as usize], found[b as usize], "{seed} {hints:?}");
+            for set in &hints.apart {
+                let mut labels: Vec<u32> = set.iter().map(|&a| found[hints.groups[a][0] as usize]).collect();
+                labels.sort_unstable();
+                assert!(labels.windows(2).all(|two| two[0] != two[1]), "{seed} {hints:?}");
             }
         }
     }
