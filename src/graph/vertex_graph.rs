@@ -127,7 +127,8 @@ impl VertexGraph {
         let sized = BudgetedShuffle::<Corner>::new(
             &context.work.file("corners.tmp"),
             "the vertex graph",
-            records,
+            // What a bucket makes has a node for each of its vertices, which may be more than its corners.
+            records.max(n as u64),
             6 * context.run.threads as u64,
             2,
             context.run,
