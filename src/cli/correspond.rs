@@ -5,7 +5,7 @@ use super::errors::of_file;
 use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs, misfit};
 use super::output::JsonArgs;
-use super::sink::{check_outside, check_places, folder_of};
+use super::sink::{check_places, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
@@ -21,7 +21,7 @@ use nystrom_stream::pipeline::correspond::{
     CorrespondParams, Correspondence, Guidance, correspond_guided, default_landmarks_for_vertices,
 };
 use nystrom_stream::spectral::nystrom::OrthogonalParams;
-use nystrom_stream::store::{Context, Run, npy};
+use nystrom_stream::store::{Context, Run, WorkDir, npy};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -172,8 +172,7 @@ impl CorrespondArgs {
             return Err(CliError::Usage("nothing to write; give -o matches.npy or another output".into()));
         }
         let inputs = [&self.a, &self.b].into_iter().chain(&self.landmarks_file).chain(&self.initial_map);
-        check_places(inputs, self.outputs().chain(&self.json.json))?;
-        check_outside(self.work_dir.as_deref(), self.outputs().chain(&self.json.json))?;
+        check_places(inputs, self.work_dir.as_deref(), self.outputs().chain(&self.json.json))?;
         Ok([&self.a, &self.b].into_iter().try_for_each(|path| check_there(path))?)
     }
 
@@ -215,8 +214,10 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         admit_two([&args.a, &args.b], &both, args.force.force, Context::new(&work, &run))?;
         inputs = Some(both);
     }
+    let passing = WorkDir::temporary(work.path())?;
+    let within = Context::new(&passing, &run);
     let open = |path: &Path, name: &str| -> Result<Mesh> {
-        let scratch = work.file(name);
+        let scratch = passing.file(name);
         std::fs::create_dir_all(&scratch).map_err(Error::io(&scratch, "create"))?;
         open_file(path, &scratch, &run)
     };
@@ -225,10 +226,10 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         params.landmarks = default_landmarks_for_vertices(a.positions.len().max(b.positions.len()));
     }
     let guidance = Guidance {
-        pairs: args.landmarks_file.as_ref().map_or(Ok(Vec::new()), |path| pairs::read(path, &a, &b))?,
+        pairs: args.landmarks_file.as_ref().map_or(Ok(Vec::new()), |path| pairs::read(path, &a, &b, &run))?,
         map: args.initial_map.as_ref().map(|path| files::read(path)).transpose()?,
     };
-    let carried = Carried::read(args, &b, Context::new(&work, &run))?;
+    let carried = Carried::read(args, &b, within)?;
     let result = correspond_guided(&a, &b, inputs.as_ref(), &params, &guidance, Context::new(&work, &run))
         .map_err(|error| of_file(error, "map", args.initial_map.as_deref()))?;
     tell(&result, args.method.alternative, &run);
@@ -242,7 +243,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         write_functional(args, &result)
     };
     run.stage("write", "vertices", result.matches.len() as u64, write)?;
-    carried.write(args, &a, &b, &result.matches, Context::new(&work, &run))?;
+    carried.write(args, &a, &b, &result.matches, within)?;
     if args.json.json.is_none() {
         return Ok(());
     }

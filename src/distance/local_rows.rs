@@ -40,7 +40,8 @@ pub struct LocalRows {
 }
 
 impl LocalRows {
-    /// The distances below `limit` from `samples` on `surface`, in files of `context` that begin with `name`.
+    /// The distances below `limit` from `samples` on `surface`, in files of `context` that begin with `name`. Progress is
+    /// reported as stage `basis`, in rows.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -52,16 +53,15 @@ impl LocalRows {
         name: &str,
         context: Context<'_>,
     ) -> Result<Self> {
-        let (n, run, work) = (surface.nodes.len(), context.run, context.work);
-        let bytes = (4 * n * run.threads) as u64;
-        let grant = run.budget.take("local rows", bytes, bytes)?;
+        let (n, work) = (surface.nodes.len(), context.work);
+        let (run, grant) = context.run.some_threads("local rows", 4 * n as u64)?;
         let mean = mean_weight(surface.graph);
         let front = |k: usize, (front, march, field): &mut (Front, March, Vec<f32>)| {
             let near = match distance {
                 Distance::March => march.within(surface, samples[k], limit, field, &run.cancel)?,
                 Distance::Edges => along_edges(front, surface, samples[k], limit, field, &run.cancel)?,
             };
-            run.progress.advance("local rows", 1);
+            run.progress.advance("basis", 1);
             Ok(near)
         };
         let by_sample = format!("{name}_by_sample.tmp");

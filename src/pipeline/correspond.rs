@@ -21,7 +21,7 @@ use crate::distance::march::Surface;
 use crate::distance::vertex_rows;
 use crate::mesh::Mesh;
 use crate::spectral::nystrom::{OrthogonalEmbedding, Point};
-use crate::store::{Context, MappedSlice, Run};
+use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -70,13 +70,16 @@ pub fn correspond_guided(
     context: Context<'_>,
 ) -> Result<Correspondence> {
     guidance.check(a.positions.len(), b.positions.len(), params)?;
-    let used = UsedOfTwo::of([a, b], context)?;
+    // A directory that lasts keeps the graphs and rows of both meshes, and nothing else.
+    let passing = WorkDir::temporary(context.work.path())?;
+    let within = Context::new(&passing, context.run);
+    let used = UsedOfTwo::of([a, b], within)?;
     let [a, b] = used.meshes([a, b]);
     let guidance = used.guidance(guidance)?;
     guidance.check(a.positions.len(), b.positions.len(), params)?;
     let side = |opened, k: usize, name| Side::build(opened, inputs.map(|inputs| &inputs[k]), params, name, context);
     let (a, b) = (side(a, 0, "a")?, side(b, 1, "b")?);
-    used.told(match_sides(&a, &b, params, &guidance, context)?, context)
+    used.told(match_sides(&a, &b, params, &guidance, within)?, within)
 }
 
 impl Correspondence {

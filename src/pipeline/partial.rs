@@ -287,10 +287,9 @@ fn first_maps(
     let of_whole = LOCAL_SAMPLES.min(whole.graph.len());
     let of_part = (of_whole as f64 * share).round() as usize;
     let of_part = of_part.max(FEWEST).min(part.graph.len());
-    let n = (part.points.len() + whole.points.len()) as u64;
     let basis = |side: &Side<'_>, count| side.basis(count, width, params, "first.npy", context.run);
     let bases = || Ok([basis(part, of_part)?, basis(whole, of_whole)?]);
-    let (bases, _) = context.run.stage("basis", "vertices", n, bases)?;
+    let (bases, _) = context.run.stage("basis", "rows", (of_part + of_whole) as u64, bases)?;
     let anchored = |side: &Side<'_>, count: usize| {
         let (surface, context) = (Surface::of(&side.graph), Context::new(&side.work, context.run));
         let row_params = RowParams { l: count.min(side.graph.len()), sampling: Sampling::Farthest };

@@ -136,7 +136,10 @@ pub struct Side<'a> {
     pub points: MappedSlice<Point>,
     /// How it lies there.
     pub tensor: Tensor,
+    /// What no stage keeps, and goes with this.
     pub(super) work: WorkDir,
+    /// Where graph and rows are.
+    _kept: WorkDir,
 }
 
 /// What the report tells of a mesh.
@@ -187,8 +190,9 @@ impl<'a> Side<'a> {
         context: Context<'_>,
     ) -> Result<Self> {
         params.embedding.check()?;
-        let work = WorkDir::open(&context.work.file(name))?;
-        let context = Context::new(&work, context.run);
+        let kept = WorkDir::open(&context.work.file(name))?;
+        let work = WorkDir::temporary(kept.path())?;
+        let context = Context::new(&kept, context.run);
         let n = opened.positions.len() as u64;
         let (path, mesh) = (opened.path(), opened.without_strays(context.run)?);
         if mesh.strays() > 0 {
@@ -217,12 +221,12 @@ impl<'a> Side<'a> {
         };
         let embed = || {
             let fit = OrthogonalEmbedding::fit(&rows, &graph.nodes, params.embedding, context.run)?;
-            let points = fit.embed(&rows, fit.sigma, "embedding.npy", context)?;
+            let points = fit.embed(&rows, fit.sigma, "embedding.npy", Context::new(&work, context.run))?;
             let tensor = Tensor::of(&mesh, &points, fit.dimensions, context.run)?;
             Ok((fit, points, tensor))
         };
         let ((fit, points, tensor), _) = context.run.stage("embedding", "vertices", n, embed)?;
-        Ok(Self { opened, graph, rows, fit, points, tensor, work })
+        Ok(Self { opened, graph, rows, fit, points, tensor, work, _kept: kept })
     }
 
     /// As alignment sees it.
@@ -338,11 +342,10 @@ pub(super) fn refined(
     let Refinement { sides: [(a, graph_a), (b, graph_b)], points_b, params, guidance, name } = refinement;
     // The same number on both, so that the kernels are equally wide.
     let samples = LOCAL_SAMPLES.min(a.graph.len()).min(b.graph.len());
-    let n = (a.points.len() + b.points.len()) as u64;
     let width = if a.graph.len().max(b.graph.len()) > LARGE { LARGE_WIDTH } else { LOCAL_WIDTH };
     let basis = |side: &Side<'_>| side.basis(samples, width, params, &format!("{name}functions.npy"), context.run);
     let bases = || Ok([basis(a)?, basis(b)?]);
-    let ([basis_a, basis_b], _) = context.run.stage("basis", "vertices", n, bases)?;
+    let ([basis_a, basis_b], _) = context.run.stage("basis", "rows", 2 * samples as u64, bases)?;
     let sides = [a.refinable(&basis_a, &a.points), b.refinable(&basis_b, points_b)];
     let (outcomes, _) = context.run.stage("refinement", "starts", 0, || {
         let landmark_rows = |side: &Side<'_>, vertices: Vec<u32>| {

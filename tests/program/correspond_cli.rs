@@ -4,7 +4,8 @@ use crate::common::{self, errors, program, word, zoo};
 use nystrom_stream::apps::correspond::Match;
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::mesh;
-use nystrom_stream::store::{Run, npy};
+use nystrom_stream::store::{Run, WorkDir, npy};
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -168,6 +169,14 @@ fn a_work_directory_keeps_graphs_and_rows_for_the_next_question() {
         let told = errors(&run);
         assert!(run.status.success() && told.matches("graph: reused").count() == 2, "{told}");
         assert!(told.matches("rows: made anew").count() == 2, "{told}");
+    }
+    // Functions and matches, 400 bytes per vertex, were left there, and nothing told of them or took them away.
+    for folder in [&work, &work.join("a"), &work.join("b")] {
+        let stages = WorkDir::open(folder).unwrap().manifest().stages;
+        let of_stages: BTreeSet<String> = stages.values().flat_map(|stage| stage.files.keys().cloned()).collect();
+        let there = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let left: Vec<String> = there.filter(|name| !of_stages.contains(name)).collect();
+        assert!(left.iter().all(|name| ["a", "b", "lock", "manifest.json"].contains(&&name[..])), "{left:?}");
     }
     // Of another mesh nothing is reused.
     let (_, reused) = run(&[], true);
