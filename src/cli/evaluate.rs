@@ -70,7 +70,7 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
         return Err(misfit("--plot", "--benchmark"));
     }
     let inputs = args.labels.iter().chain(&args.mesh).chain(&args.truth).chain(&args.matches);
-    check_places(inputs, args.plot.iter().chain(&args.json.json))?;
+    check_places(inputs, None, args.plot.iter().chain(&args.json.json))?;
     let bars = Bars::new(if args.quiet { Style::Quiet } else { Style::of_terminal() });
     let mut run = Run::new(&bars);
     if let Some(threads) = args.threads {

@@ -165,7 +165,7 @@ fn measured(m: &MeshMeasures) -> String {
 
 pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let path = either(&args.path, &args.work_dir);
-    check_places(&args.path, &args.json.json)?;
+    check_places(&args.path, Some(path).filter(|path| path.is_dir()), &args.json.json)?;
     if args.header && path.is_dir() {
         return Err(CliError::Usage("--header goes with a mesh; a work directory has no header".into()));
     }
@@ -214,6 +214,7 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
 pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let bars = args.shown.bars();
     let run = Run { cancel: app.cancel.clone(), ..Run::new(&bars) };
+    check_places([], Some(args.place.path()), &args.json.json)?;
     let work = WorkDir::open_any(args.place.path())?;
     let inner = work.all_inner()?;
     let manifests = [work.manifest()].into_iter().chain(inner.values().map(|inner| inner.manifest()));

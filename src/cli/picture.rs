@@ -94,7 +94,7 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     params.check()?;
     let target = args.target()?;
     check_is_no_stream("-o", &target)?;
-    check_places([&args.mesh].into_iter().chain(&args.labels), [&target])?;
+    check_places([&args.mesh].into_iter().chain(&args.labels), None, [&target])?;
     check_there(&args.mesh)?;
     let bars = args.shown.bars();
     let run = args.resources.run(&bars, app);

@@ -75,7 +75,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
         let text = "standard input has no size and no header to go by before it is read; name a file";
         return Err(CliError::Usage(text.into()));
     }
-    check_places([&args.mesh], &args.json.json)?;
+    check_places([&args.mesh], None, &args.json.json)?;
     let params = args.method.params()?;
     let run = Run { seed: args.seed.unwrap_or(0), ..args.resources.run(&(), app) };
     let size = size_of_mesh(&args.mesh)?;

@@ -109,9 +109,9 @@ pub fn run(args: &PlotArgs) -> Result<(), CliError> {
     }
     check_charts("--eigenvalues", &args.eigenvalues)?;
     check_charts("--tree", &args.tree)?;
-    check_places(&args.from, args.eigenvalues.iter().chain(&args.tree))?;
     let from = either(&args.from, &args.work_dir);
     let in_folder = args.work_dir.is_some() || from.is_dir();
+    check_places(&args.from, in_folder.then_some(from), args.eigenvalues.iter().chain(&args.tree))?;
     let found = if in_folder { Found::in_work_dir(from) } else { Found::in_file(from) }?;
     if !args.eigenvalues.is_empty() {
         let Eigenvalues { values, dropped } = &found.eigenvalues?;

@@ -147,7 +147,7 @@ fn names(meshes: &[PathBuf]) -> Vec<String> {
 
 pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
     let params = params(args)?;
-    check_places(&args.meshes, args.plot.iter().chain(&args.csv).chain(&args.json.json))?;
+    check_places(&args.meshes, None, args.plot.iter().chain(&args.csv).chain(&args.json.json))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let grounds = StudyParams::default()
@@ -254,7 +254,7 @@ pub fn study(args: &StudyArgs, app: &AppContext) -> Result<(), CliError> {
     if args.landmarks > args.points {
         return Err(CliError::Usage(format!("-l: {} of {} points; choose fewer", args.landmarks, args.points)));
     }
-    check_places([], args.plot.iter().chain(&args.json.json))?;
+    check_places([], None, args.plot.iter().chain(&args.json.json))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let params = PointsParams::default()

@@ -4,7 +4,7 @@ use super::choices::choice;
 use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs};
 use super::output::JsonArgs;
-use super::sink::{check_is_no_stream, check_outside, check_places, folder_of, print};
+use super::sink::{check_is_no_stream, check_places, folder_of, print};
 use nystrom_stream::apps::picture::{PictureParams, render};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
 use nystrom_stream::mesh::Mesh;
@@ -133,8 +133,7 @@ fn beside(mesh: &Path) -> PathBuf {
 pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     let targets = check(args)?;
     let outputs: Vec<PathBuf> = targets.iter().map(Target::path).chain(args.json.json.clone()).collect();
-    check_places([&args.mesh], &outputs)?;
-    check_outside(args.work_dir.as_deref(), &outputs)?;
+    check_places([&args.mesh], args.work_dir.as_deref(), &outputs)?;
     check_there(&args.mesh)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);

@@ -146,12 +146,15 @@ fn place(path: &Path) -> Option<PathBuf> {
     }
 }
 
-/// Refuses outputs that would take the place of an input, or of each other, or cannot be written.
+/// Refuses outputs that would take the place of an input, of each other, or of files in the work directory `folder`, or
+/// that cannot be written.
 pub fn check_places<'a>(
     inputs: impl IntoIterator<Item = &'a PathBuf>,
+    folder: Option<&Path>,
     outputs: impl IntoIterator<Item = &'a PathBuf> + Clone,
 ) -> Result<(), CliError> {
     check_distinct(inputs, outputs.clone())?;
+    check_outside(folder, outputs.clone())?;
     Ok(outputs.into_iter().try_for_each(|path| Sink::of(path).check())?)
 }
 

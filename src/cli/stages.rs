@@ -15,7 +15,7 @@ use super::options::{
 use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, ending, outputs_of, scratch_folder};
 use super::progress::counted;
 use super::results::Cut;
-use super::sink::{check_outside, check_places, print};
+use super::sink::{check_places, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::line;
@@ -210,7 +210,7 @@ fn reopen<'a>(place: &Place, seed: Option<u64>, run: Run<'a>) -> Result<(WorkDir
 pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    check_places([&args.mesh], &args.json.json)?;
+    check_places([&args.mesh], Some(&args.place.work_dir), &args.json.json)?;
     let params = SegmentParams::default().order(args.order.or(Order::default()));
     let work = open(&args.place.work_dir, &run)?;
     let (opened, identity) = read(&args.mesh, args.force, Context::new(&work, &run))?;
@@ -277,7 +277,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
         run.seed = args.run.seed.unwrap_or(record.seed);
         params.order = args.method.order.or(record.params.order);
     }
-    check_places([&path], &args.json.json)?;
+    check_places([&path], Some(folder), &args.json.json)?;
     let mut told = json!({"mesh": path.to_string_lossy(), "work_dir": folder.to_string_lossy()});
     let shared = SharedWork { divided, identity: &identity, params: &params };
     let read = |work: &WorkDir| match spooled {
@@ -305,6 +305,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
 pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.shown.bars();
     let run = Run { cancel: app.cancel.clone(), ..Run::new(&bars) };
+    check_places([], Some(args.place.path()), &args.json.json)?;
     let work = open(args.place.path(), &run)?;
     let rows = shard::merge(Context::new(&work, &run))?;
     let told = json!({"work_dir": args.place.path().to_string_lossy(), "rows": rows.len(), "faces": rows.nodes});
@@ -330,9 +331,8 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let (work, record, run) = reopen(&args.place, args.run.seed, args.run.run(&bars, app))?;
     let inputs = [&args.mesh, &args.tree, &args.edits.edits, &args.edits.names].into_iter().flatten();
     let inputs = inputs.chain([&record.mesh]);
-    check_places(inputs.clone(), args.output.iter().chain(&args.json.json))?;
+    check_places(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.json.json))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
-    check_outside(Some(work.path()), args.output.iter().chain(&args.json.json))?;
     let (params, edits) = args.params(&record)?;
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
     if args.mesh.is_some() {
@@ -409,9 +409,8 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     let run = Run { seed: record.seed, ..run };
     let inputs = [&args.mesh, &args.names].into_iter().flatten();
     let inputs = inputs.chain([&record.mesh]);
-    check_places(inputs.clone(), args.output.iter().chain(&args.tree))?;
+    check_places(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.tree))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.tree))?;
-    check_outside(Some(work.path()), args.output.iter().chain(&args.tree))?;
     if args.mesh.is_some() {
         there(args.mesh.as_deref(), &record, work.path())?;
     }

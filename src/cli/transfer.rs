@@ -44,7 +44,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let outputs = outputs_of(&args.output)?;
     args.ply.check(&outputs)?;
     let inputs = [&args.from, &args.to].into_iter().chain(&args.labels);
-    check_places(inputs.clone(), args.output.iter().chain(&args.json.json))?;
+    check_places(inputs.clone(), None, args.output.iter().chain(&args.json.json))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
     [&args.from, &args.to].into_iter().try_for_each(|path| check_there(path))?;
     let bars = args.shown.bars();

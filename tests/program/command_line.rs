@@ -371,6 +371,13 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
             assert!(errors(&output).contains(whose) && errors(&output).contains("--force"), "{}", errors(&output));
         }
     }
+    // Nor by what a command tells: it took the place of the manifest.
+    let report = format!("--json={}", work.join("manifest.json").display());
+    for command in [&["graph", word(&mesh)][..], &["rows"], &["share", "normals"], &["merge"], &["info"], &["verify"]] {
+        let output = run(&[command, &["--work-dir", word(&work), &report]].concat());
+        assert!(errors(&output).contains("lies in the work directory"), "{command:?}: {}", errors(&output));
+        assert_eq!(output.status.code(), Some(2), "{command:?}");
+    }
     assert!(std::fs::read(work.join("manifest.json")).unwrap() == kept, "a refusal changes nothing");
     let (changed, told) = cut(&["-k", "4", "-l", "12", "--force"]);
     assert!(!told.contains("reused"), "{told}");
