@@ -1,16 +1,28 @@
 //! Pairs of landmarks given by hand: a text file with one pair per line, of vertices (two integers) or
-//! of points (six numbers).
+//! of points (six numbers). Cost: one pass over the faces of each mesh, times the points.
 
 use crate::base::{Error, Result};
+use crate::graph::vertex_graph::triangles;
 use crate::mesh::Mesh;
+use crate::store::Run;
 use std::path::Path;
 
-/// Reads pairs (vertex of `a`, vertex of `b`); a point stands for the vertex nearest to it. Commas count as blanks;
-/// what follows a # is skipped.
+/// Faces between two looks at whether the run was cancelled.
+const CHUNK: usize = 1 << 16;
+
+/// A landmark on either mesh.
+enum Pair {
+    Vertices([u32; 2]),
+    Points([[f64; 3]; 2]),
+}
+
+/// Reads pairs (vertex of `a`, vertex of `b`); a point stands for the vertex of a triangle that is nearest to it. Commas
+/// count as blanks; what follows a # is skipped.
 ///
 /// # Errors
-/// [`Error::Malformed`] naming the line, [`Error::Unusable`] for a file without pairs, [`Error::Io`].
-pub fn read(path: &Path, a: &Mesh, b: &Mesh) -> Result<Vec<(u32, u32)>> {
+/// [`Error::Malformed`] naming the line, [`Error::Unusable`] for a file without pairs, [`Error::Io`],
+/// [`Error::Cancelled`].
+pub fn read(path: &Path, a: &Mesh, b: &Mesh, run: &Run) -> Result<Vec<(u32, u32)>> {
     let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
     let mut pairs = Vec::new();
     for (k, line) in text.lines().enumerate() {
@@ -31,12 +43,12 @@ pub fn read(path: &Path, a: &Mesh, b: &Mesh) -> Result<Vec<(u32, u32)>> {
         };
         match words[..] {
             [] => {}
-            [of_a, of_b] => pairs.push((vertex(of_a, a)?, vertex(of_b, b)?)),
+            [of_a, of_b] => pairs.push(Pair::Vertices([vertex(of_a, a)?, vertex(of_b, b)?])),
             [_, _, _, _, _, _] => {
                 let numbers: Option<Vec<f64>> =
                     words.iter().map(|word| word.parse().ok().filter(|x: &f64| x.is_finite())).collect();
                 let x = numbers.ok_or_else(|| wrong("has what is no number".into()))?;
-                pairs.push((nearest(a, [x[0], x[1], x[2]]), nearest(b, [x[3], x[4], x[5]])));
+                pairs.push(Pair::Points([[x[0], x[1], x[2]], [x[3], x[4], x[5]]]));
             }
             _ => return Err(wrong(format!("has {} numbers", words.len()))),
         }
@@ -44,18 +56,55 @@ pub fn read(path: &Path, a: &Mesh, b: &Mesh) -> Result<Vec<(u32, u32)>> {
     if pairs.is_empty() {
         return Err(Error::unusable(path, "has no pair of landmarks", "write a pair a line"));
     }
-    Ok(pairs)
+    let on = |mesh, side: usize| {
+        let point = |pair: &Pair| match pair {
+            Pair::Vertices(_) => None,
+            Pair::Points(points) => Some(points[side]),
+        };
+        nearest(mesh, &pairs.iter().filter_map(point).collect::<Vec<_>>(), run)
+    };
+    let mut near = on(a, 0)?.into_iter().zip(on(b, 1)?);
+    let vertices = |pair: &Pair| match pair {
+        Pair::Vertices([a, b]) => Some((*a, *b)),
+        Pair::Points(_) => near.next(),
+    };
+    Ok(pairs.iter().filter_map(vertices).collect())
 }
 
-/// The vertex nearest to `point`.
-fn nearest(mesh: &Mesh, point: [f64; 3]) -> u32 {
-    let square = |v: u32| mesh.positions.get(v).iter().zip(point).map(|(x, y)| (x - y) * (x - y)).sum::<f64>();
-    let mut best = (0, f64::INFINITY);
-    for v in 0..mesh.positions.len() as u32 {
-        let there = square(v);
-        if there < best.1 {
-            best = (v, there);
-        }
+/// For each of `points` the vertex of a triangle of `mesh` that is nearest, of several the first.
+fn nearest(mesh: &Mesh, points: &[[f64; 3]], run: &Run) -> Result<Vec<u32>> {
+    let mut best = vec![(f64::INFINITY, 0); points.len()];
+    let n = if points.is_empty() { 0 } else { mesh.faces.len() };
+    for start in (0..n).step_by(CHUNK) {
+        run.cancel.check()?;
+        mesh.faces.for_each(start..n.min(start + CHUNK), |_, corners| {
+            triangles(mesh, corners, |triangle, at| {
+                for (v, at) in triangle.into_iter().zip(at) {
+                    for (best, point) in best.iter_mut().zip(points) {
+                        let square = at.iter().zip(point).map(|(x, y)| (x - y) * (x - y)).sum::<f64>();
+                        if (square, v) < *best {
+                            *best = (square, v);
+                        }
+                    }
+                }
+            });
+        });
     }
-    best.0
+    Ok(best.into_iter().map(|(_, v)| v).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The nearest vertex was taken, and refused where no triangle used it.
+    #[test]
+    fn points_stand_for_vertices_of_triangles() {
+        let square = [[9., 9., 9.], [0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [0.9, 0.9, 0.]];
+        let mesh = Mesh::from_slices(&square, &[vec![1, 2, 3, 4], vec![5, 0]]).unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("pairs.txt");
+        std::fs::write(&path, "5 0\n.9 .9 0, 9 9 8 # two points\n.1 0 0 .4 .6 0\n").unwrap();
+        assert_eq!(read(&path, &mesh, &mesh, &Run::new(&())).unwrap(), [(5, 0), (3, 3), (1, 4)]);
+    }
 }
