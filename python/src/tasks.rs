@@ -130,12 +130,7 @@ pub fn save(
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
     let decision: Option<&PyDecision> = decision.as_deref();
     run(py, |run| {
-        let many = |tree: &PartTree| {
-            (1..=cuts::MOST.min(tree.cells()))
-                .map(|k| Ok(tree.cut_k(k)?.label))
-                .collect::<nystrom_stream::Result<Vec<_>>>()
-        };
-        let parts = tree.as_ref().map(many).transpose()?;
+        let parts = tree.as_ref().map(|tree| tree.first_cuts(cuts::MOST)).transpose()?;
         let model = decision.map(|PyDecision { kept, start }| CellModel {
             affinities: kept.affinities(),
             tree: &kept.decision.tree,

@@ -12,7 +12,6 @@ use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
 use crate::pipeline::admission::{admit_two, identity_of_two};
 use crate::pipeline::correspond::{self as recipe, CorrespondParams, default_landmarks_for_vertices};
-use crate::store::Run;
 use serde_json::Value;
 use std::path::Path;
 
@@ -123,7 +122,7 @@ impl Matcher {
             [a, b].into_iter().flat_map(Mesh::notes).for_each(|note| context.run.progress.note(note));
             let found = recipe::correspond(a, b, inputs.as_ref(), &params, context)?;
             let report = found.report(paths, &params, context.run, told);
-            Ok(Correspondence { found, report })
+            Ok(Correspondence { found, report, options: self.options.afterwards() })
         })
     }
 }
@@ -133,6 +132,7 @@ impl Matcher {
 pub struct Correspondence {
     found: recipe::Correspondence,
     report: Value,
+    options: RunOptions,
 }
 
 impl Correspondence {
@@ -156,6 +156,6 @@ impl Correspondence {
     /// # Errors
     /// [`crate::Error::Parameter`] for an unknown ending; [`crate::Error::Io`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        files::write(path.as_ref(), &self.found.matches, &Run::new(&()))
+        self.options.with(|context, _| files::write(path.as_ref(), &self.found.matches, context.run))
     }
 }

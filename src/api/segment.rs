@@ -250,6 +250,7 @@ impl Segmenter {
                 edits: self.edits.clone(),
                 hierarchy,
                 report,
+                options: self.options.afterwards(),
             })
         })
     }
@@ -269,6 +270,7 @@ pub struct Segmentation {
     edits: Option<Edits>,
     hierarchy: Option<Hierarchy>,
     report: Report,
+    options: RunOptions,
 }
 
 impl Segmentation {
@@ -351,15 +353,15 @@ impl Segmentation {
     pub fn save_with(&self, path: impl AsRef<Path>, options: &SaveOptions) -> Result<()> {
         #[cfg(feature = "pages")]
         if *options == SaveOptions::default() && Form::of(path.as_ref()) == Some(Form::Html) {
-            return self.save_page(path.as_ref());
+            return self.options.with(|context, _| self.save_page(path.as_ref(), context.run));
         }
-        self.mesh.save_with(path, self.labelling(), options)
+        self.options.with(|context, _| self.mesh.save_under(path, self.labelling(), options, context.run))
     }
 
     #[cfg(feature = "pages")]
-    fn save_page(&self, path: &Path) -> Result<()> {
+    fn save_page(&self, path: &Path, run: &crate::store::Run) -> Result<()> {
         use crate::apps::page::{CellModel, Cuts, Page};
-        let parts = self.hierarchy.as_ref().map(Hierarchy::cuts).transpose()?;
+        let parts = self.hierarchy.as_ref().map(|kept| kept.tree().first_cuts(cuts::MOST)).transpose()?;
         let cuts = self.hierarchy.as_ref().zip(parts.as_ref());
         let page = Page {
             title: &self.mesh.path().file_name().unwrap_or_default().to_string_lossy(),
@@ -375,7 +377,7 @@ impl Segmentation {
             edits: self.edits.as_ref(),
             report: &crate::store::json::value("the report", &self.report)?,
         };
-        page.write(path, &crate::store::Run::new(&()))
+        page.write(path, run)
     }
 }
 
@@ -431,11 +433,5 @@ impl Hierarchy {
     pub fn labels(&self, parts: usize) -> Result<Vec<u32>> {
         let label = self.tree().cut_k(parts)?.label;
         Ok(self.cells.iter().map(|&cell| label.get(cell as usize).copied().unwrap_or(0)).collect())
-    }
-
-    /// The part of each cell for 1, 2, … parts.
-    #[cfg(feature = "pages")]
-    fn cuts(&self) -> Result<Vec<Vec<u32>>> {
-        (1..=cuts::MOST.min(self.tree().cells())).map(|k| Ok(self.tree().cut_k(k)?.label)).collect()
     }
 }

@@ -40,8 +40,7 @@ pub fn kept(exact: bool, tree: Option<&PartTree>, work: &WorkDir, context: Conte
     if cells.iter().any(|&cell| cell as usize >= tree.cells()) {
         return Ok(None);
     }
-    let parts = (1..=MOST.min(tree.cells())).map(|k| Ok(tree.cut_k(k)?.label)).collect::<Result<_>>()?;
-    Ok(Some(KeptCuts { cells, parts, kept }))
+    Ok(Some(KeptCuts { cells, parts: tree.first_cuts(MOST)?, kept }))
 }
 
 /// The cell of each face of the mesh in `work`, in the order of the file (n); those of its contraction, unless it is

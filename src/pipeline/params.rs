@@ -5,7 +5,7 @@ use crate::cluster::cells;
 use crate::cluster::contract::{self, NODES};
 use crate::cluster::kmeans::FACES_PER_CHUNK;
 use crate::cluster::parts::ensemble::{decision_bytes, member_bytes};
-use crate::cluster::parts::{Decision, PartCount, PartsParams};
+use crate::cluster::parts::{PartCount, PartsParams};
 use crate::cluster::two_means;
 use crate::graph::Metric;
 use crate::graph::order::{Order, OrderParams};
@@ -290,8 +290,11 @@ impl SegmentParams {
             let remedy = format!("choose from 1 to {LANDMARKS_AT_MOST}");
             return refused("landmarks", format!("{} landmarks", self.landmarks.unwrap_or(0)), &remedy);
         }
+        let usual = PartsParams::default();
         let others = [
-            ("decision", self.parts.decision != Decision::default()),
+            ("decision", self.parts.decision != usual.decision),
+            ("ensemble_size", self.parts.ensemble_size != usual.ensemble_size),
+            ("small_part", self.parts.small_part != usual.small_part),
             ("tiny_components", self.tiny_components != TinyComponents::default()),
             ("walls", self.walls != Walls::default()),
             ("boundaries", self.boundaries != Boundaries::default()),
@@ -299,6 +302,9 @@ impl SegmentParams {
         let idle = match (&self.embedding, others.into_iter().find(|(_, given)| *given)) {
             (Some(_), _) if by_parts => Some(("embedding", "goes with K-means and 2-means")),
             (_, Some((name, _))) if !by_parts => Some((name, "goes with the default method")),
+            _ if self.parts.decision != usual.decision && self.parts.ensemble_size != usual.ensemble_size => {
+                Some(("ensemble_size", "goes with the default decision"))
+            }
             _ => None,
         };
         if let Some((name, problem)) = idle {

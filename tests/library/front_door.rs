@@ -3,6 +3,7 @@
 
 use nystrom_stream::apps::evaluate::Evaluator;
 use nystrom_stream::apps::export::split::PartForm;
+use nystrom_stream::cluster::parts::Decision;
 use nystrom_stream::graph::Order;
 use nystrom_stream::pipeline::labels::Labels;
 use nystrom_stream::pipeline::{Boundaries, Cluster, Walls};
@@ -264,6 +265,8 @@ fn what_a_file_cannot_hold_and_options_without_effect_are_refused() {
         // K-means took them without a word.
         ("walls", Segmenter::new().parts(2).method(Cluster::KMeans).walls(Walls::Own)),
         ("boundaries", Segmenter::new().parts(2).method(Cluster::KMeans).boundaries(Boundaries::Embedding)),
+        ("small_part", Segmenter::new().parts(2).method(Cluster::KMeans).small_part(0.01)),
+        ("ensemble_size", Segmenter::new().decision(Decision::Single).ensemble_size(20)),
         ("embedding", Segmenter::new().embedding(EmbeddingParams::for_parts(2))),
         ("landmarks", Segmenter::new().landmarks(0)),
         ("landmarks", Segmenter::new().landmarks(5000)),

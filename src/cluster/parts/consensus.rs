@@ -28,7 +28,7 @@ const CONSENSUS_STOP: f64 = 1.6;
 /// Members stop at this range of factors of it.
 const STOP_FACTOR: [f64; 2] = [0.8, 1.25];
 /// Members of a consensus.
-const ENSEMBLE: usize = 8;
+pub const ENSEMBLE: usize = 8;
 /// Groups per part of the median over-segmentation, to which one is added.
 const GROUPS: f64 = 1.6;
 /// Index of the pair width of .1, used where none is drawn.

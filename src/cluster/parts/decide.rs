@@ -78,7 +78,12 @@ pub fn decide(
             Decision::Single => consensus::single_run(&cells, &rows, params.small_part, run),
         }
     };
-    run.stage("parts", "segmentations", params.ensemble_size as u64, work)
+    let segmentations = match params.decision {
+        Decision::SoftTrees => params.ensemble_size,
+        Decision::Consensus => consensus::ENSEMBLE,
+        Decision::Single => 1,
+    };
+    run.stage("parts", "segmentations", segmentations as u64, work)
 }
 
 /// The decision on the superfaces that were `found`, the same on both sides where there are two, and on like limbs.

@@ -179,6 +179,14 @@ impl PartTree {
         self.cut(detail_threshold(detail))
     }
 
+    /// The part of each cell for 1, 2, … parts: up to `most`, or as many as there are cells.
+    ///
+    /// # Errors
+    /// As [`PartTree::cut_k`].
+    pub fn first_cuts(&self, most: usize) -> Result<Vec<Vec<u32>>> {
+        (1..=most.min(self.cells())).map(|k| Ok(self.cut_k(k)?.label)).collect()
+    }
+
     /// Exactly `k` parts.
     ///
     /// Small parts do not count as long as the number can be had without them: the coarsest cut that has `k` parts
