@@ -3,7 +3,7 @@
 //! One pass over the mapped file; the vector made is all that is held. Labels can go to a file instead.
 
 use crate::base::{Error, Result};
-use crate::mesh::seg::read_partial_seg;
+use crate::mesh::seg::each_label_or_none;
 use crate::store::npy::{self, ArrayWriter};
 use crate::store::{MappedBytes, MappedSlice, WorkDir, npy_header};
 use std::ffi::OsStr;
@@ -71,7 +71,11 @@ fn each_integer<R>(
 pub fn open_labels(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>> {
     const FILE: &str = "given_labels.npy";
     match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
-        Some("seg") => npy::write(&work.file(FILE), &read_partial_seg(path)?, 1, false),
+        Some("seg") => {
+            let mut writer = ArrayWriter::create(&work.file(FILE), 1)?;
+            each_label_or_none(path, |label| writer.push(&[label]))?;
+            writer.finish(false)
+        }
         Some("npy") => {
             if let Ok((labels, shape)) = npy::open_shaped(path)
                 && shape.len() == 1

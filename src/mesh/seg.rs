@@ -55,43 +55,55 @@ pub fn write_seg_to(path: &Path, writer: &mut dyn Write, labels: &[u32], run: &R
 /// [`Error::Io`]; [`Error::Malformed`] naming the line that is no label; [`Error::Unusable`] for a
 /// file without labels.
 pub fn read_seg(path: &Path) -> Result<Vec<u32>> {
-    read(path, |text| text.parse().ok())
+    let mut labels = Vec::new();
+    each_label(
+        path,
+        |text| text.parse().ok(),
+        |label| {
+            labels.push(label);
+            Ok(())
+        },
+    )?;
+    Ok(labels)
 }
 
-/// The same, but a negative number says that a face has no label, and becomes `u32::MAX`.
+/// Calls `visit` for the same, but a negative number says that a face has no label, and becomes `u32::MAX`.
 ///
 /// # Errors
-/// As [`read_seg`].
-pub(crate) fn read_partial_seg(path: &Path) -> Result<Vec<u32>> {
-    read(path, |text| {
+/// As [`read_seg`]; those of `visit`.
+pub(crate) fn each_label_or_none(path: &Path, visit: impl FnMut(u32) -> Result<()>) -> Result<()> {
+    let parse = |text: &str| {
         let number: i64 = text.parse().ok()?;
         if number < 0 { Some(u32::MAX) } else { u32::try_from(number).ok() }
-    })
+    };
+    each_label(path, parse, visit)
 }
 
-/// The labels in `path`, each as `parse` has it.
-fn read(path: &Path, parse: impl Fn(&str) -> Option<u32>) -> Result<Vec<u32>> {
+/// Calls `visit` for the labels in `path`, each as `parse` has it.
+fn each_label(
+    path: &Path,
+    parse: impl Fn(&str) -> Option<u32>,
+    mut visit: impl FnMut(u32) -> Result<()>,
+) -> Result<()> {
     let bytes = MappedBytes::open(path)?;
-    let mut labels = Vec::new();
+    let mut any = false;
     for (number, line) in bytes.split(|&byte| byte == b'\n').enumerate() {
         let line = line.trim_ascii();
         if line.is_empty() || line.starts_with(b"#") {
             continue;
         }
         let label = std::str::from_utf8(line).ok().and_then(&parse);
-        labels.push(label.ok_or_else(|| {
+        any = true;
+        visit(label.ok_or_else(|| {
             Error::malformed(
                 path,
                 format!("line {}", number + 1),
                 format!("{} is not a label", super::ply::header::shown(line)),
                 "a .seg file has one number from 0 on a line, for every face",
             )
-        })?);
+        })?)?;
     }
-    if labels.is_empty() {
-        return Err(Error::unusable(path, "has no labels", "give a file with one label a line"));
-    }
-    Ok(labels)
+    if any { Ok(()) } else { Err(Error::unusable(path, "has no labels", "give a file with one label a line")) }
 }
 
 #[cfg(test)]
