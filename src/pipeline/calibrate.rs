@@ -9,6 +9,7 @@ use super::params::{Cluster, SegmentParams, default_landmarks_for_faces, dimensi
 use super::plan::Pace;
 use super::recipe::segment;
 use crate::apps::creature::{Creature, Options};
+use crate::base::parallel::lock;
 use crate::base::{Progress, Result};
 use crate::cluster::contract::{self, NODES};
 use crate::cluster::parts::PartsParams;
@@ -26,7 +27,7 @@ struct Clock(Mutex<BTreeMap<String, f64>>);
 
 impl Progress for Clock {
     fn end(&self, stage: &str, seconds: f64) {
-        *self.0.lock().unwrap_or_else(|poison| poison.into_inner()).entry(stage.to_string()).or_default() += seconds;
+        *lock(&self.0).entry(stage.to_string()).or_default() += seconds;
     }
 }
 
@@ -78,14 +79,16 @@ const SHARE: u64 = 20;
 /// again, and the mean counts.
 const TWICE_BELOW: u64 = 1_000_000;
 
-/// Faces of the two creatures for a mesh of `faces` faces. Both are contracted if it is.
+/// Faces of the two creatures for a mesh of `faces` faces, one four times as large as the other. Both are contracted if
+/// it is.
 fn sizes(faces: u64) -> [u64; 2] {
     if faces <= contract::LARGE as u64 {
         let many = faces.clamp(SMALL[0], SMALL[1]);
         return [many / 4, many];
     }
-    let many = (faces / SHARE).clamp(LARGE[0].min(faces), LARGE[1]);
-    [(many / 4).max(contract::LARGE as u64 + 1), many]
+    let least = contract::LARGE as u64 + 1;
+    let many = (faces / SHARE).clamp(LARGE[0].min(faces.max(4 * least)), LARGE[1]);
+    [many / 4, many]
 }
 
 /// Displacement of the vertices of the rough creature, as a share of the mean edge length.
@@ -238,7 +241,9 @@ mod tests {
     fn both_creatures_are_contracted_if_the_mesh_is() {
         let contracted = |faces: u64| SegmentParams::default().contracts(faces as usize);
         for faces in [100, 3_000, 48_000, 60_000, 60_001, 100_000, 1_000_000, 100_000_000, 1_000_000_000] {
-            for size in sizes(faces) {
+            let [few, many] = sizes(faces);
+            assert!((4 * few..=4 * few + 3).contains(&many), "{few} and {many} for {faces}");
+            for size in [few, many] {
                 let made = Creature::new(&Options { faces: size, ..Options::default() }).unwrap().face_count();
                 assert_eq!(contracted(made), contracted(faces), "{made} of {size} for {faces}");
             }

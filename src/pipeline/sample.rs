@@ -11,6 +11,7 @@ use super::labels::SegmentStats;
 use super::params::SegmentParams;
 use super::surface::{PreparedSurface, WeightedSurface};
 use crate::base::Result;
+use crate::base::parallel::lock;
 use crate::cluster::cells::{self, CellAverages, greatest_share};
 use crate::distance::DistanceRows;
 use crate::distance::VisitedRow;
@@ -108,7 +109,7 @@ impl WeightedSurface<'_> {
         let look = |row: VisitedRow<'_>| {
             let before = row.earlier.iter().map(|&node| row.distances[node as usize]).collect();
             let mean = average.of(row.distances);
-            if let Some(slot) = seen.lock().unwrap_or_else(PoisonError::into_inner).get_mut(row.number) {
+            if let Some(slot) = lock(&seen).get_mut(row.number) {
                 *slot = (before, mean);
             }
             Ok(())
