@@ -7,7 +7,7 @@
 
 use crate::base::Result;
 use crate::base::sort::order_by;
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, UNLABELLED};
 use crate::store::Run;
 use std::collections::BTreeMap;
 
@@ -49,11 +49,14 @@ fn times(matrix: &[Row; 3], v: Row) -> Row {
     matrix.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
+/// A part of sRGB, a stored byte, as linear light.
+pub(super) fn linear(part: u8) -> f32 {
+    let part = f32::from(part) / 255.0;
+    if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
+}
+
 fn seen(colour: [u8; 3]) -> Seen {
-    let linear = colour.map(|part| {
-        let part = f32::from(part) / 255.0;
-        if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
-    });
+    let linear = colour.map(linear);
     SIGHTS.map(|sight| {
         let cones = times(
             &[
@@ -160,14 +163,13 @@ pub fn assign(parts: usize, touching: &[(u32, u32, f64)]) -> Vec<[u8; 3]> {
 const CHUNK: usize = 1 << 16;
 /// Parts above this number take colours in turn.
 const IN_TURN: usize = 2048;
-const NONE: u32 = u32::MAX;
 
 /// One colour per label, safe for the colour-blind, unlike between parts that touch.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`], [`crate::base::Error::Memory`].
 pub fn colours_for(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Vec<[u8; 3]>> {
-    let parts = labels.iter().copied().filter(|&label| label != NONE).max().map_or(0, |most| most as usize + 1);
+    let parts = labels.iter().copied().filter(|&label| label != UNLABELLED).max().map_or(0, |most| most as usize + 1);
     if parts > IN_TURN {
         // A label of its own for every face is far fewer; a great number may be no label at all.
         let bytes = 3 * parts as u64;
@@ -177,18 +179,18 @@ pub fn colours_for(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Vec<[u8; 3]
     }
     let bytes = 4 * mesh.positions.len() as u64;
     let _grant = run.budget.take("the parts at vertices", bytes, bytes)?;
-    let mut first = vec![NONE; mesh.positions.len()];
+    let mut first = vec![UNLABELLED; mesh.positions.len()];
     let mut touching: BTreeMap<(u32, u32), f64> = BTreeMap::new();
     let n = mesh.faces.len();
     for start in (0..n).step_by(CHUNK) {
         run.cancel.check()?;
         mesh.faces.for_each(start..n.min(start + CHUNK), |face, corners| {
-            let label = labels.get(face).copied().unwrap_or(NONE);
+            let label = labels.get(face).copied().unwrap_or(UNLABELLED);
             for &corner in corners {
                 let Some(known) = first.get_mut(corner as usize) else { continue };
-                if *known == NONE {
+                if *known == UNLABELLED {
                     *known = label;
-                } else if *known != label && label != NONE {
+                } else if *known != label && label != UNLABELLED {
                     *touching.entry(((*known).min(label), (*known).max(label))).or_default() += 1.0;
                 }
             }

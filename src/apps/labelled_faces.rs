@@ -6,14 +6,12 @@
 use super::colours::colours_for;
 use super::open_labels;
 use crate::base::{Error, Result};
-use crate::mesh::Mesh;
 use crate::mesh::ply::ElementKind;
 use crate::mesh::ply::names::names_of;
+use crate::mesh::{Mesh, UNLABELLED};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use std::path::Path;
 
-/// No label.
-pub const NONE: u32 = u32::MAX;
 /// The properties of a colour.
 const COLOUR: [&str; 3] = ["red", "green", "blue"];
 /// Labels beyond have no colour and no name of the file.
@@ -22,7 +20,7 @@ const MOST: usize = 1 << 20;
 /// Labels of the faces of a mesh, and what its file tells of the parts.
 #[derive(Clone, Debug)]
 pub struct LabelledFaces {
-    /// Label of each face (n); [`NONE`]: none.
+    /// Label of each face (n); [`UNLABELLED`]: none.
     pub labels: MappedSlice<u32>,
     /// Names of parts by label, empty for none; may end early.
     pub names: Vec<String>,
@@ -46,9 +44,9 @@ impl LabelledFaces {
         let real = uniform && channels.iter().flatten().any(|channel| channel.scalar.is_real());
         let mut parts = 0;
         let mut add = |label: i64, colour: [u8; 3]| {
-            let label = u32::try_from(label).unwrap_or(NONE);
+            let label = u32::try_from(label).unwrap_or(UNLABELLED);
             writer.push(&[label])?;
-            if label == NONE {
+            if label == UNLABELLED {
                 return Ok(());
             }
             let place = label as usize;

@@ -17,7 +17,7 @@ use crate::base::{Error, Result};
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::rows_file::RowsFile;
 use crate::store::stage::{Made, Stage};
-use crate::store::{Context, MappedSlice, Run};
+use crate::store::{Context, MappedSlice};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -71,7 +71,7 @@ pub fn rows(
 ) -> Result<DistanceRows> {
     let file = RowsFile::create(&context.work.file(name), landmarks.len(), surface.nodes.len())?;
     let state = ResumeState { file, done: BTreeMap::new(), journal: None };
-    VertexRowJob { surface, landmarks, distance }.fill(state, context.run)
+    VertexRowJob { surface, landmarks, distance }.fill(state, context)
 }
 
 const JOURNAL: &str = "rows.journal";
@@ -126,7 +126,7 @@ impl Stage for VertexRowsStage<'_> {
         let state = ResumeState::new(&spec, (ROWS, JOURNAL), sound, context)?;
         let fill = || {
             context.run.progress.advance("rows", state.done.len() as u64);
-            VertexRowJob { surface, landmarks, distance }.fill(state, context.run)
+            VertexRowJob { surface, landmarks, distance }.fill(state, context)
         };
         let (mut rows, _) = context.run.stage("rows", "rows", l as u64, fill)?;
         crate::store::npy::write(&context.work.file(LANDMARKS), &rows.landmarks, 1, true)?;
@@ -152,7 +152,8 @@ struct VertexRowJob<'a> {
 
 impl VertexRowJob<'_> {
     /// Computes the rows that `state` does not have yet.
-    fn fill(self, state: ResumeState, run: &Run) -> Result<DistanceRows> {
+    fn fill(self, state: ResumeState, context: Context<'_>) -> Result<DistanceRows> {
+        let Context { work, run } = context;
         let Self { surface, landmarks, distance } = self;
         let ResumeState { file, done, journal } = state;
         let mean = mean_weight(surface.graph);
@@ -167,7 +168,7 @@ impl VertexRowJob<'_> {
             }
             let facts = RowFacts::of(&row);
             if let Some(journal) = &journal {
-                row.sync().map_err(Error::io(ROWS, "sync"))?;
+                row.sync().map_err(Error::io(work.file(ROWS), "sync"))?;
                 journal.append(&JournalEntry { row: k, landmark: landmarks[k], facts, xxh3: checksum(&row) })?;
             }
             run.progress.advance("rows", 1);
@@ -186,6 +187,7 @@ mod tests {
     use crate::distance::sampler::{Found, Space};
     use crate::graph::VertexGraph;
     use crate::mesh::Mesh;
+    use crate::store::Run;
     use crate::store::WorkDir;
     use crate::store::manifest::MANIFEST;
 

@@ -22,7 +22,7 @@ pub use geometry::{Coordinate, Faces, Mesh};
 pub use open::{open, open_reader};
 pub use output::ends_with;
 pub use ply::document::Document;
-pub use ply::labelled::{Labelling, PlyForm, PlyOptions, write_labelled, write_labelled_to};
+pub use ply::labelled::{Labelling, PlyForm, PlyOptions, UNLABELLED, write_labelled, write_labelled_to};
 pub use positions::{Positions, StridedLayout};
 pub use seg::{read_seg, write_seg, write_seg_to};
 pub use size::{MeshSize, size_of_mesh};

@@ -6,8 +6,8 @@ use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::transfer::closest_faces::{
     Agreement, Probe, TriangleTree, UnitFrame, distance_2, normal, unit, unpack, window,
 };
-use nystrom_stream::apps::transfer::{NONE, transfer};
-use nystrom_stream::mesh::{self, Mesh};
+use nystrom_stream::apps::transfer::transfer;
+use nystrom_stream::mesh::{self, Mesh, UNLABELLED};
 use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use std::path::Path;
@@ -193,7 +193,7 @@ fn unlabelled_faces_are_filled_in_and_strangers_refused() {
     let dir = tempfile::tempdir().unwrap();
     let from = sheets(dir.path(), 30, false);
     let mut labels: Vec<u32> = (0..3600).map(|face| 5 + face / 1800).collect();
-    labels[100..200].fill(NONE);
+    labels[100..200].fill(UNLABELLED);
     let to = sheets(dir.path(), 25, false);
     let work = WorkDir::temporary(dir.path()).unwrap();
     let result = transfer(&from, &labels, &to, Context::new(&work, &run())).unwrap();

@@ -155,7 +155,6 @@ fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSl
     let of_seed = run.map_chunks(chunk_count(of_a.len(), SEEDED), || (), matched)?.concat();
     let mut array = context.work.array::<u32>("starts.npy", &[n_a])?;
     {
-        let _scratch = context.work.scratch(&["starts_field.tmp.partial"]);
         let mut field = context.work.array::<f32>("starts_field.tmp", &[n_a])?;
         voronoi::nearest_source(a.graph, &of_a, field.data(), array.data(), run)?;
     }

@@ -147,7 +147,6 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
         return Err(Error::parameter("A", format!("{n} vertices are too many to match"), "match a decimated mesh"));
     }
     let mut array = context.work.array::<Match>(name, &[n])?;
-    let _scratch = context.work.scratch(&["doubt.tmp.partial"]);
     let mut doubt = context.work.array::<f32>("doubt.tmp", &[n])?;
     // Enough of a large mesh to tell where matches come back to; all for mutual ones.
     let step = if matching == Matching::Mutual { 1 } else { n.div_ceil(RETURNS) };
@@ -184,7 +183,6 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
 /// Makes `matches`, which are everyone's nearest, one to one.
 fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> Result<()> {
     const FREE: u32 = u32::MAX;
-    let _scratch = context.work.scratch(&["holders.tmp.partial"]);
     let mut holders = context.work.array::<u32>("holders.tmp", &[pair.graphs()[1].len()])?;
     let holder = &mut holders.data()[..];
     holder.fill(FREE);
@@ -231,7 +229,6 @@ type Doubt = [f32; 2];
 /// Sets the confidence of `matches` (n) from the ways missing on return in `returned` (n; NaN where not looked at).
 fn fill_confidence(pair: &impl Pair, matches: &mut [Match], returned: &[f32], context: Context<'_>) -> Result<()> {
     let (n, graphs) = (matches.len(), pair.graphs());
-    let _scratch = context.work.scratch(&["doubt_a.tmp.partial", "doubt_b.tmp.partial"]);
     let field = |name: &str| context.work.array::<f32>(name, &[n, 2]);
     let mut fields = [field("doubt_a.tmp")?, field("doubt_b.tmp")?];
     let (units, csr) = (pair.units(), graphs[0].csr());

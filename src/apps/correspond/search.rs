@@ -180,7 +180,6 @@ impl<'a> EmbeddingSearch<'a> {
 
 /// A tree over every `step`-th point.
 fn build<const K: usize>(points: &[Point], step: usize, work: &WorkDir) -> Result<Box<dyn Search>> {
-    let _scratch = work.scratch(&["tree.tmp.partial"]);
     // Mapped, so that only the tree itself is allocated.
     let mut array = work.array::<f32>("tree.tmp", &[points.len().div_ceil(step), K])?;
     for (row, point) in array.data().chunks_exact_mut(K).zip(points.iter().step_by(step)) {

@@ -37,7 +37,6 @@ fn draw(
     params: &PictureParams,
     context: Context<'_>,
 ) -> Result<Image> {
-    let _scratch = context.work.scratch(&["picture.tmp.partial"]);
     let mut labels = context.work.array::<u32>("picture.tmp", &[mesh.faces.len()])?;
     let label = |face: usize, _: u32| {
         mesh.faces.with(face, |corners| {

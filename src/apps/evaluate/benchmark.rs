@@ -9,10 +9,10 @@
 
 use super::boundaries::Evaluator;
 use super::scores::{ModelScores, ScoreTable, Segmentation};
-use crate::apps::labelled_faces::{LabelledFaces, NONE};
+use crate::apps::labelled_faces::LabelledFaces;
 use crate::apps::open_labels;
 use crate::base::{Error, Result};
-use crate::mesh::{self, ends_with, read_seg};
+use crate::mesh::{self, UNLABELLED, ends_with, read_seg};
 use crate::store::{Context, Run, WorkDir, private_folder};
 use std::path::{Path, PathBuf};
 
@@ -184,7 +184,7 @@ pub fn read_labels(path: &Path, scratch: &Path, run: &Run) -> Result<Vec<u32>> {
         let unknown = || Error::unusable(path, "its ending says no known form of labels", remedy);
         known.then(|| open_labels(path, &work)).ok_or_else(unknown)??
     };
-    if let Some(face) = labels.iter().position(|&label| label == NONE) {
+    if let Some(face) = labels.iter().position(|&label| label == UNLABELLED) {
         let problem =
             format!("face {face} has no label (a negative number), and what is compared needs one on every face");
         return Err(Error::unusable(path, problem, "give such faces a part of their own, or leave them out"));
@@ -233,7 +233,7 @@ mod tests {
              0 0 0\n1 0 0\n0 1 0\n3 0 1 2 4\n3 0 2 1 -1\n";
         let (mesh, array) = (dir.path().join("x.ply"), dir.path().join("x.npy"));
         std::fs::write(&mesh, ply).unwrap();
-        npy::write::<u32>(&array, &[4, NONE], 1, false).unwrap();
+        npy::write::<u32>(&array, &[4, UNLABELLED], 1, false).unwrap();
         for path in [&mesh, &array] {
             let told = read_labels(path, dir.path(), &Run::new(&())).unwrap_err().to_string();
             assert!(told.contains("face 1 has no label") && told.contains("on every face"), "{told}");

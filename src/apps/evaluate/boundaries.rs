@@ -17,7 +17,7 @@
 
 use crate::base::dijkstra::shortest_paths;
 use crate::base::union_find::Forest;
-use crate::base::vector::{distance, finite, length, minus, position_key};
+use crate::base::vector::{self, distance, finite, position_key};
 use crate::base::{Cancel, Error, Result};
 use crate::mesh::Mesh;
 use rstar::RTree;
@@ -104,19 +104,11 @@ impl Evaluator {
     }
 }
 
-/// Area of a polygon (half the length of its vector area), 0 where that is not finite.
+/// Area of a polygon, the sum of its triangles, as in tables of parts; 0 where that is not finite.
 fn area(mesh: &Mesh, corners: &[u32]) -> f64 {
-    let Some((&first, rest)) = corners.split_first() else { return 0. };
-    let origin = mesh.positions.get(first);
-    let mut sum = [0f64; 3];
-    for pair in rest.windows(2) {
-        let (a, b) = (minus(mesh.positions.get(pair[0]), origin), minus(mesh.positions.get(pair[1]), origin));
-        sum[0] += a[1] * b[2] - a[2] * b[1];
-        sum[1] += a[2] * b[0] - a[0] * b[2];
-        sum[2] += a[0] * b[1] - a[1] * b[0];
-    }
-    let area = length(sum) / 2.;
-    if area.is_finite() { area } else { 0. }
+    let mut sum = 0.;
+    mesh.triangles(corners, |_, at| sum += vector::area(at));
+    if sum.is_finite() { sum } else { 0. }
 }
 
 /// Mean distance of the surface to its centroid: face centres weighted by area.

@@ -76,9 +76,14 @@ pub fn file_name(part: usize, name: Option<&str>, form: PartForm) -> String {
 
 /// Whether a folder of parts may have a file called `name`: its list, or the file of a part.
 pub fn is_file_name(name: &str) -> bool {
-    let number =
-        name.strip_prefix("part_").map_or("", |rest| rest.split(|c: char| !c.is_ascii_digit()).next().unwrap_or(""));
-    name == LIST || number.len() >= 3 && [".ply", ".stl"].iter().any(|ending| name.ends_with(ending))
+    name == LIST || is_of_part(name)
+}
+
+/// Whether the file of a part may be called `name`.
+fn is_of_part(name: &str) -> bool {
+    let number = name.strip_prefix("part_").map_or("", |rest| rest.split(['_', '.']).next().unwrap_or_default());
+    let numbered = number.len() > 2 && number.bytes().all(|byte| byte.is_ascii_digit());
+    numbered && (ends_with(name.as_ref(), "ply") || ends_with(name.as_ref(), "stl"))
 }
 
 /// Writes all parts that have faces to `folder`, which is made if missing, as files of one form. Files of an earlier,
@@ -161,15 +166,9 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
 
 /// Whether `folder` has files of parts besides `files`.
 fn others(folder: &Path, files: &BTreeSet<String>) -> bool {
-    let is_part = |name: &str| {
-        let number = name.strip_prefix("part_").map_or("", |rest| rest.split(['_', '.']).next().unwrap_or_default());
-        number.len() > 2 && number.bytes().all(|byte| byte.is_ascii_digit())
-    };
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
-    names
-        .filter(|name| is_part(name) && (ends_with(name.as_ref(), "ply") || ends_with(name.as_ref(), "stl")))
-        .any(|name| !files.contains(&name))
+    names.filter(|name| is_of_part(name)).any(|name| !files.contains(&name))
 }
 
 /// What the triangles of an STL lose, whose coordinates are floats.

@@ -2,7 +2,8 @@
 //!
 //! Four bytes per pixel are held.
 
-use super::shading::{Pixel, linear, stored};
+use super::shading::{Pixel, stored};
+use crate::apps::colours::linear;
 use crate::apps::text;
 use crate::base::{Error, Result};
 use crate::mesh::output::publish;

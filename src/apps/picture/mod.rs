@@ -16,6 +16,7 @@ mod viewpoint;
 
 pub use sheet::{PictureParams, Up};
 
+use super::colours::linear;
 use crate::base::{Error, Result};
 use crate::graph;
 use crate::mesh::Mesh;
@@ -23,7 +24,7 @@ use crate::store::Run;
 use crate::store::budget::Grant;
 use camera::Frame;
 pub use image::Image;
-use shading::{CLAY, linear};
+use shading::CLAY;
 use sheet::{Legend, Sheet};
 use vertex_normals::VertexNormals;
 

@@ -6,6 +6,7 @@
 use super::camera::{Camera, Vec3};
 use super::raster::{Canvas, Hit, triangles_of};
 use super::vertex_normals::VertexNormals;
+use crate::apps::colours::linear;
 use crate::base::Result;
 use crate::base::vector::{add_scaled, double_area, unit};
 use crate::mesh::Mesh;
@@ -403,12 +404,6 @@ fn light(colour: [f32; 3], normal: [f32; 3], open: f32) -> [f32; 3] {
     let half = [KEY[0] / 1.822, KEY[1] / 1.822, (KEY[2] + 1.0) / 1.822];
     let gloss = 0.06 * along(half).max(0.0).powi(24) * open;
     colour.map(|c| c * diffuse + gloss)
-}
-
-/// From a stored byte to linear light.
-pub(super) fn linear(byte: u8) -> f32 {
-    let x = f32::from(byte) / 255.0;
-    if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 
 /// From linear light to a byte to store.

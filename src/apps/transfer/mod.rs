@@ -11,7 +11,7 @@ pub mod closest_faces;
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use crate::graph::DualGraph;
-use crate::mesh::{Labelling, Mesh};
+use crate::mesh::{Labelling, Mesh, UNLABELLED};
 use crate::store::{Context, MappedSlice, Run};
 use closest_faces::{Agreement, BYTES, Closest, Probe, TriangleTree, UnitFrame, normal, unit, unpack, window};
 use serde::Serialize;
@@ -110,7 +110,7 @@ fn is_turned(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
     sum < 0.
 }
 
-/// Carries `labels` of the faces of `from` ([`NONE`]: none) to those of `to`; arrays go to `work`.
+/// Carries `labels` of the faces of `from` ([`UNLABELLED`]: none) to those of `to`; arrays go to `work`.
 ///
 /// ```
 /// use nystrom_stream::apps::creature::{Creature, Options};
@@ -145,7 +145,6 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     let sign = if turned { -1. } else { 1. };
     let far = FAR * fine.max(coarse);
 
-    let _scratch = context.work.scratch(&["nearest.npy.partial"]);
     let mut array = context.work.array::<u64>("nearest.npy", &[n * points, 2])?;
     let found: &mut [Closest] = bytemuck::cast_slice_mut(&mut array.data()[..]);
     found.fill([u64::MAX; 2]);
@@ -181,7 +180,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     };
     context.run.fill_two((own.data(), quality.data()), CHUNK, || (), choose)?;
 
-    let near = own.data().iter().filter(|&&label| label != NONE).count();
+    let near = own.data().iter().filter(|&&label| label != UNLABELLED).count();
     if near * 2 < n {
         let path = to.path();
         let problem = format!("{near} of {n} faces have a labelled face of {} near", from.path().display());
@@ -192,7 +191,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     let least = ((n as f64 * ISLAND) as usize).max(4);
     let islands = unlabel_islands(&graph, own.data(), quality.data(), least, context)?;
     for (label, quality) in own.data().iter().zip(quality.data().iter_mut()) {
-        *quality = if *label == NONE { 0. } else { *quality };
+        *quality = if *label == UNLABELLED { 0. } else { *quality };
     }
     label_from_neighbours(&graph, own.data(), context.run)?;
     let uncertain = quality.data().iter().filter(|&&quality| quality < 1.).count() as u64;
@@ -203,7 +202,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
 /// The label of a face by what its points found, and how sure it is; `slack` and `edge` are edges of the first
 /// mesh and of the coarser one.
 fn elect(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32) {
-    let mut votes = [(NONE, 0f32, 0f32); 4];
+    let mut votes = [(UNLABELLED, 0f32, 0f32); 4];
     for (found, vote) in found.iter().zip(&mut votes) {
         let Some((nearest, any)) = unpack(found[0]) else { continue };
         let agreeing = unpack(found[1]).filter(|(d, _)| d.sqrt() <= window(nearest.sqrt(), slack));
@@ -216,8 +215,8 @@ fn elect(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32)
     let votes = &votes[..found.len()];
     let tally = |label: u32| votes.iter().filter(|vote| vote.0 == label).fold((0., 0.), |a, v| (a.0 + v.1, a.1 + v.2));
     // The first of several: the centroid's, where it is one of them.
-    let mut best = (NONE, (0., 0.));
-    for &(label, ..) in votes.iter().filter(|vote| vote.0 != NONE) {
+    let mut best = (UNLABELLED, (0., 0.));
+    for &(label, ..) in votes.iter().filter(|vote| vote.0 != UNLABELLED) {
         let own = tally(label);
         if own.0 > best.1.0 {
             best = (label, own);
@@ -226,11 +225,9 @@ fn elect(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32)
     (best.0, best.1.1 / found.len() as f32)
 }
 
-/// No label.
-pub const NONE: u32 = u32::MAX;
 /// Faces between two looks at the stop flag.
 const STOP_CHECK: usize = 1 << 18;
-/// Marks a component with an uncertain face.
+/// Marks a component with an uncertain face; a mesh has fewer faces.
 const UNCERTAIN: u32 = 1 << 31;
 
 /// The label with the longest contact among the neighbours of `face`; the smallest of several.
@@ -239,7 +236,7 @@ fn neighbour(graph: &DualGraph, labels: &[u32], face: usize) -> Option<u32> {
     let neighbours = graph.edges.by_shared_edge().neighbours(face as u32);
     for (near, _) in neighbours.clone() {
         let label = labels[near as usize];
-        if label == NONE {
+        if label == UNLABELLED {
             continue;
         }
         let alike = neighbours.clone().filter(|(other, _)| labels[*other as usize] == label);
@@ -256,10 +253,10 @@ fn neighbour(graph: &DualGraph, labels: &[u32], face: usize) -> Option<u32> {
 /// # Errors
 /// [`Error::Memory`] where the budget cannot hold the list of those; [`Error::Cancelled`].
 fn label_from_neighbours(graph: &DualGraph, labels: &mut [u32], run: &Run) -> Result<u64> {
-    let count = labels.iter().filter(|&&label| label == NONE).count();
+    let count = labels.iter().filter(|&&label| label == UNLABELLED).count();
     let _grant = run.budget.take("faces without label", 12 * count as u64, 12 * count as u64)?;
     let mut open: Vec<u32> = Vec::with_capacity(count);
-    open.extend((0..labels.len() as u32).filter(|&face| labels[face as usize] == NONE));
+    open.extend((0..labels.len() as u32).filter(|&face| labels[face as usize] == UNLABELLED));
     let mut ring: Vec<(u32, u32)> = Vec::new();
     while !open.is_empty() {
         run.cancel.check()?;
@@ -271,7 +268,7 @@ fn label_from_neighbours(graph: &DualGraph, labels: &mut [u32], run: &Run) -> Re
             break;
         }
         ring.iter().for_each(|&(face, label)| labels[face as usize] = label);
-        open.retain(|&face| labels[face as usize] == NONE);
+        open.retain(|&face| labels[face as usize] == UNLABELLED);
     }
     Ok(count as u64)
 }
@@ -289,9 +286,6 @@ fn unlabel_islands(
     context: Context<'_>,
 ) -> Result<u64> {
     let n = labels.len();
-    if n >= UNCERTAIN as usize {
-        return Err(Error::unusable(context.work.path(), "more than 2^31 faces", "cut the mesh into several"));
-    }
     let mut parents = context.work.array::<u32>("pieces.npy", &[n])?;
     let mut sizes = context.work.array::<u32>("piece_sizes.npy", &[n])?;
     let mut pieces = Forest::over(&mut parents.data()[..]);
@@ -319,7 +313,7 @@ fn unlabel_islands(
         let count = size & !UNCERTAIN;
         if size != count && (count as usize) < least && u64::from(count) < all[&labels[i]] {
             taken += 1;
-            labels[i] |= NONE;
+            labels[i] = UNLABELLED;
         }
     }
     Ok(taken)

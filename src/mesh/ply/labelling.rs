@@ -56,6 +56,9 @@ impl PlyForm {
     }
 }
 
+/// The label of a face that has none.
+pub const UNLABELLED: u32 = u32::MAX;
+
 /// Labels, colours and qualities of all faces, in file order.
 #[derive(Clone, Copy, Debug)]
 pub struct Labelling<'a> {
@@ -165,22 +168,22 @@ impl Labelling<'_> {
 
     /// The same of a piece of `face` that has `label`.
     pub(super) fn append_piece(&self, face: usize, label: u32, encoder: Encoder, out: &mut Vec<u8>) {
-        encoder.integer(Scalar::I32, i64::from(label as i32), out);
-        for part in self.colour_of(Some(label)) {
-            encoder.integer(Scalar::U8, part.into(), out);
-        }
-        if let Some(quality) = self.quality {
-            encoder.real(Scalar::F32, quality[face].into(), out);
-        }
+        self.append_values(label, |quality| quality[face], encoder, out);
     }
 
     /// Appends the numbers of [`Labelling::properties`] of a face that the mesh does not have, of
     /// `label` and of no quality.
     pub(crate) fn append_added(&self, label: u32, encoder: Encoder, out: &mut Vec<u8>) {
+        self.append_values(label, |_| 0., encoder, out);
+    }
+
+    fn append_values(&self, label: u32, of_face: impl Fn(&[f32]) -> f32, encoder: Encoder, out: &mut Vec<u8>) {
         encoder.integer(Scalar::I32, i64::from(label as i32), out);
-        self.colour_of(Some(label)).into_iter().for_each(|part| encoder.integer(Scalar::U8, part.into(), out));
-        if self.quality.is_some() {
-            encoder.real(Scalar::F32, 0., out);
+        for part in self.colour_of(Some(label)) {
+            encoder.integer(Scalar::U8, part.into(), out);
+        }
+        if let Some(quality) = self.quality {
+            encoder.real(Scalar::F32, of_face(quality).into(), out);
         }
     }
 
