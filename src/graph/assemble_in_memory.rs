@@ -256,7 +256,7 @@ mod tests {
         let mesh = mesh();
         for threads in [1, 3] {
             let run = Run { threads, budget: Budget::new(1 << 30), ..Run::new(&()) };
-            let frame = Frame::of(&mesh.positions, &run).unwrap();
+            let frame = Frame::of(&mesh, &run).unwrap();
             let edges = |work: &WorkDir| {
                 let context = Context::new(work, &run);
                 let array = work.array(nodes::FILE, &[mesh.faces.len(), 7]).unwrap();

@@ -174,7 +174,7 @@ impl DualGraph {
 
     fn make(stage: &GraphStage<'_>, context: Context<'_>, key: String) -> Result<Self> {
         let GraphStage { mesh, path, computed, .. } = *stage;
-        let frame = Frame::of(&mesh.positions, context.run)?;
+        let frame = Frame::of(mesh, context.run)?;
         let array = if computed { None } else { Some(context.work.array(nodes::FILE, &[mesh.faces.len(), 7])?) };
         let geometry = || match array {
             None => {
@@ -293,7 +293,7 @@ pub(crate) struct GraphStage<'a> {
 
 impl Stage for GraphStage<'_> {
     const NAME: &'static str = "graph";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type Facts = GraphFacts;
     type Output = DualGraph;
 

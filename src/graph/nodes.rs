@@ -8,7 +8,8 @@
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::base::vector::{cross, finite, length, minus, narrow};
-use crate::mesh::{Mesh, Positions};
+use crate::mesh::Mesh;
+use crate::mesh::extent::Extent;
 use crate::store::npy::{ArrayMut, Item};
 use crate::store::{MappedSlice, Run};
 use bytemuck::{Pod, Zeroable};
@@ -34,7 +35,7 @@ pub struct Node {
     pub area: f32,
 }
 
-/// The coordinates that geometry is kept in: the bounding box of the finite vertices, moved to the
+/// The coordinates that geometry is kept in: the bounding box of the finite vertices that faces use, moved to the
 /// origin and scaled to diagonal 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
@@ -45,34 +46,18 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The frame of the vertices; one parallel pass.
+    /// The frame of the vertices that faces of `mesh` use.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
-    pub fn of(positions: &Positions, run: &Run) -> Result<Self> {
-        let n = positions.len();
-        let boxes = run.map_ranges(n, 1 << 16, |range| {
-            let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-            for v in range {
-                let p = positions.get(v as u32);
-                if p.iter().all(|x| x.is_finite()) {
-                    for axis in 0..3 {
-                        bounds[0][axis] = bounds[0][axis].min(p[axis]);
-                        bounds[1][axis] = bounds[1][axis].max(p[axis]);
-                    }
-                }
-            }
-            Ok(bounds)
-        })?;
-        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-        for next in boxes {
-            for axis in 0..3 {
-                bounds[0][axis] = bounds[0][axis].min(next[0][axis]);
-                bounds[1][axis] = bounds[1][axis].max(next[1][axis]);
-            }
-        }
+    pub fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
+        Ok(Self::around(mesh.extent(run)?))
+    }
+
+    /// The frame of a box; one of no size where it holds nothing.
+    fn around(bounds: Extent) -> Self {
         if bounds[0][0] > bounds[1][0] {
-            return Ok(Self { origin: [0.; 3], scale: 1. });
+            return Self { origin: [0.; 3], scale: 1. };
         }
         // Halves first, so that the widest range a double can hold does not overflow.
         let origin = [0, 1, 2].map(|axis| bounds[0][axis] / 2. + bounds[1][axis] / 2.);
@@ -81,7 +66,7 @@ impl Frame {
         let scale =
             if widest > 0. { 2. * widest * half.map(|h| (h / widest).powi(2)).iter().sum::<f64>().sqrt() } else { 1. };
         // A diagonal beyond the doubles is the greatest double; one below them counts as none.
-        Ok(Self { origin, scale: if scale > 0. { scale.min(f64::MAX) } else { 1. } })
+        Self { origin, scale: if scale > 0. { scale.min(f64::MAX) } else { 1. } }
     }
 
     /// Whether squares and cubes of lengths in the file's units stay far within the doubles.

@@ -122,7 +122,7 @@ impl VertexGraph {
     pub fn build(mesh: &Mesh, path: &Path, context: Context<'_>) -> Result<Self> {
         let n = mesh.positions.len();
         check_size(n, path)?;
-        let frame = Frame::of(&mesh.positions, context.run)?;
+        let frame = Frame::of(mesh, context.run)?;
         let records = 3 * mesh.faces.triangle_count();
         let sized = BudgetedShuffle::<Corner>::new(
             &context.work.file("corners.tmp"),
@@ -303,7 +303,7 @@ struct VertexGraphStage<'a> {
 
 impl Stage for VertexGraphStage<'_> {
     const NAME: &'static str = "vertex graph";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type Facts = (VertexFacts, Frame);
     type Output = (VertexGraph, String);
 

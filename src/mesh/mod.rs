@@ -6,6 +6,7 @@
 //! knows this format. [`strays`] finds vertices that lie far outside of the rest, [`split_faces`] cuts faces
 //! along smooth boundaries.
 
+pub mod extent;
 pub mod geometry;
 pub mod import;
 pub mod open;

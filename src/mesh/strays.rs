@@ -101,10 +101,14 @@ struct Core {
 }
 
 impl Core {
-    /// Of a sample, evenly spread over the numbers of the vertices; none where most lie at one point.
-    fn of(positions: &Positions) -> Option<Self> {
-        let step = positions.len().div_ceil(SAMPLE).max(1);
-        let sample = (0..positions.len()).step_by(step).map(|v| positions.get(v as u32));
+    /// Of a sample of corners, evenly spread over the numbers of the faces; none where most lie at one point. Vertices
+    /// that no face uses do not count, however many there are.
+    fn of(mesh: &Mesh) -> Option<Self> {
+        let step = mesh.faces.len().div_ceil(SAMPLE).max(1);
+        let corner = |face: usize| {
+            mesh.faces.with(face, |corners| corners.get(face % corners.len().max(1)).map(|&v| mesh.positions.get(v)))
+        };
+        let sample = (0..mesh.faces.len()).step_by(step).filter_map(corner);
         let sample: Vec<[f64; 3]> = sample.filter(|p| finite(*p)).collect();
         let bound = |share, axis| quantile(sample.iter().map(|p| p[axis]).collect(), share);
         let [low, high] = CORE.map(|share| [0, 1, 2].map(|axis| bound(share, axis).unwrap_or(0.)));
@@ -134,28 +138,56 @@ fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
 fn find(mesh: &Mesh, run: &Run) -> Result<Repairs> {
     let positions = &mesh.positions;
     let few = MOST.min(positions.len() / RARE);
-    let Some(core) = Core::of(positions).filter(|_| few > 0) else { return Ok(Vec::new()) };
+    let Some(core) = Core::of(mesh).filter(|_| few > 0) else { return Ok(Vec::new()) };
     let [low, high] = core.reach();
     // Too many are not kept: which ones they are does not matter then.
     let count = AtomicUsize::new(0);
+    // Nearly always there are none: no branch for each, and no branch for each axis.
+    let is_out = |p: [f64; 3]| (0..3).fold(false, |out, axis| out | (p[axis] < low[axis]) | (p[axis] > high[axis]));
+    let is_far = |p: [f64; 3]| finite(p) && is_out(p);
     let outside = |range: Range<usize>| {
-        // Nearly always there are none: no branch for each, and no branch for each axis.
-        let is_out = |p: [f64; 3]| (0..3).fold(false, |out, axis| out | (p[axis] < low[axis]) | (p[axis] > high[axis]));
         if !range.clone().fold(false, |out, v| out | is_out(positions.get(v as u32))) {
             return Ok(Vec::new());
         }
-        let is_far = |p: [f64; 3]| finite(p) && is_out(p);
         let far = range.map(|v| v as u32).filter(|&v| is_far(positions.get(v)));
         Ok(far.take_while(|_| count.fetch_add(1, Relaxed) < few).collect::<Vec<u32>>())
     };
-    let candidates = run.map_ranges(positions.len(), CHUNK, outside)?.concat();
-    if candidates.is_empty() || count.into_inner() > few {
+    let mut candidates = run.map_ranges(positions.len(), CHUNK, outside)?.concat();
+    if count.into_inner() > few {
+        // Most of them may be of no face, and are nobody's geometry.
+        candidates = used_where(mesh, is_far, run)?;
+    }
+    if candidates.is_empty() || candidates.len() > few {
         return Ok(Vec::new());
     }
     match edges_to(mesh, &candidates, run)? {
         Some(edges) => Ok(Candidates::of(positions, candidates, edges, core).repairs(long_edge(mesh))),
         None => Ok(Vec::new()),
     }
+}
+
+/// The vertices of faces that lie where `is_there` says, ascending; none where they have more than [`MOST_CORNERS`]
+/// corners.
+fn used_where(mesh: &Mesh, is_there: impl Fn([f64; 3]) -> bool + Sync, run: &Run) -> Result<Vec<u32>> {
+    let count = AtomicUsize::new(0);
+    let mut all = run
+        .map_ranges(mesh.faces.len(), CHUNK, |range| {
+            let mut some = Vec::new();
+            mesh.faces.for_each(range, |_, corners| {
+                for &v in corners {
+                    if is_there(mesh.positions.get(v)) && count.fetch_add(1, Relaxed) < MOST_CORNERS {
+                        some.push(v);
+                    }
+                }
+            });
+            some.sort_unstable();
+            some.dedup();
+            Ok(some)
+        })?
+        .concat();
+    all.sort_unstable();
+    all.dedup();
+    Ok(if count.into_inner() > MOST_CORNERS { Vec::new() } else { all })
 }
 
 /// The edges from the candidates, as pairs of a candidate's index and a vertex, ascending, once each; none

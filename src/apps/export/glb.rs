@@ -140,7 +140,7 @@ impl<'a> Scene<'a> {
         };
         let vertices = mesh.positions.len();
         if mesh.positions.is_double() {
-            let frame = Frame::of(&mesh.positions, run)?;
+            let frame = Frame::of(mesh, run)?;
             scene.middle = frame.origin;
             scene.is_tiny = frame.scale < LEAST;
         }

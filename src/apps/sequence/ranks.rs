@@ -10,7 +10,7 @@ use super::sorting::{Scatter, ordered, ranks_by_key};
 use crate::base::Result;
 use crate::graph::order::hilbert;
 use crate::graph::{Frame, VertexAdjacency};
-use crate::mesh::Positions;
+use crate::mesh::Mesh;
 use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
@@ -124,8 +124,8 @@ const CHUNK: usize = 1 << 15;
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
-pub fn pca_ranks(name: &str, positions: &Positions, context: Context<'_>) -> Result<MappedSlice<u32>> {
-    let frame = Frame::of(positions, context.run)?;
+pub fn pca_ranks(name: &str, mesh: &Mesh, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let (positions, frame) = (&mesh.positions, Frame::of(mesh, context.run)?);
     let n = positions.len();
     let sums = context.run.map_ranges(n, CHUNK, |range| {
         let (mut sum, mut products, mut count) = ([0f64; 3], [[0f64; 3]; 3], 0u64);
@@ -164,8 +164,8 @@ pub fn pca_ranks(name: &str, positions: &Positions, context: Context<'_>) -> Res
 ///
 /// # Errors
 /// As [`pca_ranks`].
-pub fn hilbert_ranks(name: &str, positions: &Positions, context: Context<'_>) -> Result<MappedSlice<u32>> {
-    let frame = Frame::of(positions, context.run)?;
+pub fn hilbert_ranks(name: &str, mesh: &Mesh, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let (positions, frame) = (&mesh.positions, Frame::of(mesh, context.run)?);
     let key = |v: usize| {
         let place = hilbert::place_of(frame.place(positions.get(v as u32)));
         [(place >> 32) as u32, place as u32, 0, 0]

@@ -36,16 +36,7 @@ impl UnitFrame {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
-        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for v in 0..mesh.positions.len() as u32 {
-            if v % (1 << 20) == 0 {
-                run.cancel.check()?;
-            }
-            let p = mesh.positions.get(v);
-            if p.iter().all(|x| x.is_finite()) {
-                (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
-            }
-        }
+        let [low, high] = mesh.extent(run)?;
         let side = (0..3).map(|k| high[k] / 2. - low[k] / 2.).fold(0., f64::max);
         let scale = if side.is_finite() && side > 0. { side } else { 1. };
         Ok(Self { middle: [0, 1, 2].map(|k| if low[k] <= high[k] { low[k] / 2. + high[k] / 2. } else { 0. }), scale })

@@ -200,7 +200,7 @@ impl Ordered {
         if order == Order::Keep || (order == Order::Auto && n <= LARGE) {
             return Ok(kept(Locality::default()));
         }
-        let frame = Frame::of(&mesh.positions, context.run)?;
+        let frame = Frame::of(mesh, context.run)?;
         let found = Locality::of(mesh, frame.scale);
         let poor = found.far_steps > POOR || (has_rows && n > HUGE && found.stretch > STRETCHED);
         if order == Order::Auto && !poor {
@@ -255,7 +255,7 @@ pub(crate) struct OrderStage<'a> {
 
 impl Stage for OrderStage<'_> {
     const NAME: &'static str = "order";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Facts = OrderFacts;
     type Output = Ordered;
 

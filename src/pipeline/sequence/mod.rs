@@ -164,14 +164,14 @@ impl<'a> Sequencer<'a> {
 
     /// Ranks of the vertices of [`Self::mesh`].
     fn ranks(&self, params: &SequenceParams) -> Result<MappedSlice<u32>> {
-        let (context, positions) = (self.context, &self.mesh().positions);
+        let (context, mesh) = (self.context, self.mesh());
         match params.order {
             SequenceOrder::Spectral => self.spectral(params.sweeps, params.landmarks),
-            SequenceOrder::Pca => sequence::pca_ranks(RANKS, positions, context),
+            SequenceOrder::Pca => sequence::pca_ranks(RANKS, mesh, context),
             SequenceOrder::Bfs => sequence::bfs_ranks(RANKS, self.vertices()?, context),
             SequenceOrder::Rcm => sequence::rcm_ranks(RANKS, self.vertices()?, context),
-            SequenceOrder::Hilbert => sequence::hilbert_ranks(RANKS, positions, context),
-            SequenceOrder::Random | SequenceOrder::Keep => sequence::random_ranks(RANKS, positions.len(), context),
+            SequenceOrder::Hilbert => sequence::hilbert_ranks(RANKS, mesh, context),
+            SequenceOrder::Random | SequenceOrder::Keep => sequence::random_ranks(RANKS, mesh.positions.len(), context),
         }
     }
 

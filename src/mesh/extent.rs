@@ -1,0 +1,147 @@
+//! The box around a mesh: that of the vertices that faces use.
+//!
+//! Range grids and crops keep vertices that no face uses, often at the origin, far from a mesh in the coordinates of a
+//! survey. In a box that holds these the mesh is a speck, which single precision no longer resolves. But nearly all
+//! meshes have none, and a look at every corner would take as long as reading the mesh. So the box of all vertices is
+//! taken where faces use the vertices that it touches.
+//!
+//! Cost: a look at every position, about 1 ns each, and at some faces near each of six vertices; at all corners, about
+//! 2 ns each, where these are of no face, and at all corners' numbers where they are not found near.
+
+use super::geometry::Mesh;
+use crate::base::Result;
+use crate::base::vector::finite;
+use crate::store::Run;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+const CHUNK: usize = 1 << 16;
+/// Faces before and after the place where a vertex is expected, by its number, that are looked at first.
+const NEAR: usize = 1 << 12;
+
+/// Least and greatest corner of a box.
+pub type Extent = [[f64; 3]; 2];
+
+/// The box of nothing.
+const EMPTY: Extent = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+
+/// Makes `extent` hold the points `low` and `high`.
+fn grow([low, high]: &mut Extent, p: [f64; 3], q: [f64; 3]) {
+    for axis in 0..3 {
+        (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(q[axis]));
+    }
+}
+
+fn around(extents: impl IntoIterator<Item = Extent>) -> Extent {
+    extents.into_iter().fold(EMPTY, |mut all, [low, high]| {
+        grow(&mut all, low, high);
+        all
+    })
+}
+
+impl Mesh {
+    /// Least and greatest corner of the box around the vertices that faces use and that have a position; infinite, and
+    /// the least above the greatest, where there are none.
+    ///
+    /// ```
+    /// use nystrom_stream::{mesh::Mesh, store::Run};
+    /// # fn main() -> nystrom_stream::base::Result<()> {
+    /// let corners = [[1., 0., 0.], [2., 0., 0.], [2., 1., 0.], [9., 9., 9.]];
+    /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2]])?;
+    /// assert_eq!(mesh.extent(&Run::new(&()))?, [[1., 0., 0.], [2., 1., 0.]]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn extent(&self, run: &Run) -> Result<Extent> {
+        let positions = &self.positions;
+        let of_vertices = |range: Range<usize>| {
+            let mut extent = EMPTY;
+            for p in range.map(|v| positions.get(v as u32)).filter(|&p| finite(p)) {
+                grow(&mut extent, p, p);
+            }
+            Ok(extent)
+        };
+        let extents = run.map_ranges(positions.len(), CHUNK, of_vertices)?;
+        let all = around(extents.iter().copied());
+        let mut outer: Vec<u32> = Vec::with_capacity(6);
+        for (end, axis) in (0..2).flat_map(|end| (0..3).map(move |axis| (end, axis))) {
+            let Some(chunk) = extents.iter().position(|extent| extent[end][axis] == all[end][axis]) else { continue };
+            let vertices = chunk * CHUNK..positions.len().min((chunk + 1) * CHUNK);
+            let touches = |v: &u32| {
+                let p = positions.get(*v);
+                finite(p) && p[axis] == all[end][axis]
+            };
+            outer.extend(vertices.map(|v| v as u32).find(touches));
+        }
+        if self.uses(&outer, run)? {
+            return Ok(all);
+        }
+        let of_faces = |range: Range<usize>| {
+            let mut extent = EMPTY;
+            self.faces.for_each(range, |_, corners| {
+                for p in corners.iter().map(|&v| positions.get(v)).filter(|&p| finite(p)) {
+                    grow(&mut extent, p, p);
+                }
+            });
+            Ok(extent)
+        };
+        Ok(around(run.map_ranges(self.faces.len(), CHUNK, of_faces)?))
+    }
+
+    /// Whether faces use all of `vertices`.
+    fn uses(&self, vertices: &[u32], run: &Run) -> Result<bool> {
+        let n = self.faces.len();
+        let used: Vec<AtomicBool> = vertices.iter().map(|_| AtomicBool::new(false)).collect();
+        let look = |range: Range<usize>| {
+            self.faces.for_each(range, |_, corners| {
+                for &corner in corners {
+                    for (_, used) in vertices.iter().zip(&used).filter(|(vertex, _)| **vertex == corner) {
+                        used.store(true, Relaxed);
+                    }
+                }
+            });
+        };
+        let all_are = || used.iter().all(|used| used.load(Relaxed));
+        for &vertex in vertices {
+            let expected = (f64::from(vertex) / self.positions.len() as f64 * n as f64) as usize;
+            look(expected.saturating_sub(NEAR)..n.min(expected + NEAR));
+        }
+        if !all_are() {
+            run.map_ranges(n, CHUNK, |range| {
+                if !all_are() {
+                    look(range);
+                }
+                Ok(())
+            })?;
+        }
+        Ok(all_are())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{below, stream};
+
+    #[test]
+    fn the_box_is_that_of_the_corners_of_faces() {
+        let run = Run::new(&());
+        for seed in 0..200 {
+            let mut random = stream(seed, "extent");
+            let n = 3 + below(&mut random, 40);
+            let mut number = |most: usize| below(&mut random, most);
+            let place = |k: usize| if k == 0 { f64::NAN } else { k as f64 };
+            let corners: Vec<[f64; 3]> = (0..n).map(|_| [0; 3].map(|_| place(number(30)))).collect();
+            let faces: Vec<[u32; 3]> = (0..1 + number(8)).map(|_| [0; 3].map(|_| number(n) as u32)).collect();
+            let mesh = Mesh::from_slices(&corners, &faces).unwrap();
+            let mut expected = EMPTY;
+            for p in faces.iter().flatten().map(|&v| corners[v as usize]).filter(|p| p.iter().all(|x| !x.is_nan())) {
+                grow(&mut expected, p, p);
+            }
+            assert_eq!(mesh.extent(&run).unwrap(), expected, "{seed}");
+        }
+    }
+}
