@@ -73,9 +73,9 @@ impl Cells {
         context: Context<'_>,
     ) -> Result<Self> {
         let n = graph.nodes.len();
-        // A small mesh is its own cells, tiny components included, so that any number of parts up to n can be had.
+        // A small mesh is its own cells. Tiny components, which count nothing, are of the cell that they float beside.
         let seeds: Vec<u32> = if n <= CELLS {
-            (0..n as u32).collect()
+            (0..n as u32).filter(|&node| shares.at(node as usize) > 0.).collect()
         } else {
             paired(graph, shares, normals.fine, spread_seeds(shares, CELLS, "cells", context.run)?)
         };

@@ -102,7 +102,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 10;
+    const VERSION: u32 = 11;
     type Facts = SurfaceFacts;
     type Output = PreparedSurface;
 

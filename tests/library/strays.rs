@@ -2,9 +2,10 @@
 //! amid their neighbours, byte for byte.
 
 use super::common;
-use nystrom_stream::pipeline::Cluster;
-use nystrom_stream::store::Run;
-use nystrom_stream::{Mesh, Segmenter, Sequencer};
+use nystrom_stream::apps::measure;
+use nystrom_stream::pipeline::{Cluster, TinyComponents};
+use nystrom_stream::store::{Context, Run, WorkDir};
+use nystrom_stream::{LabelTransfer, Mesh, Segmenter, Sequencer};
 use std::collections::BTreeSet;
 
 type Arrays = (Vec<[f64; 3]>, Vec<[u32; 3]>);
@@ -118,4 +119,49 @@ fn outputs_keep_the_positions_of_the_file() {
     let again = Mesh::open(&path).unwrap();
     assert!((0..strays.positions.len() as u32).all(|v| again.positions.get(v) == strays.positions.get(v)));
     assert_eq!(again.without_strays(&Run::new(&())).unwrap().strays(), 2);
+}
+
+/// A tenth of the vertices at the origin, and of no face, while the mesh lies where a survey puts it: the box held both,
+/// the mesh was a speck in it and was left whole, its volume was a quarter, and labels came from wrong faces.
+#[test]
+fn vertices_of_no_face_change_nothing() {
+    let (points, faces) = arrays(&Mesh::creature(6_000).unwrap());
+    let points: Vec<[f64; 3]> = points.iter().map(|p| [p[0] + 5e5, p[1] + 5e6, p[2] + 100.]).collect();
+    let crowd = [points.clone(), vec![[0.; 3]; points.len() / 10]].concat();
+    let mut far = crowd.clone();
+    far[7] = [1e9; 3];
+    let [plain, crowd, far] = [points, crowd, far].map(|points| Mesh::from_vecs(points, faces.clone()).unwrap());
+    let labels = |mesh: &Mesh| Segmenter::new().run(mesh).unwrap().labels().to_vec();
+    let expected = labels(&plain);
+    assert!(expected.iter().max() > Some(&4));
+    assert!(labels(&crowd) == expected);
+    assert_eq!(far.without_strays(&Run::new(&())).unwrap().strays(), 1, "strays are found among them");
+    let carried = LabelTransfer::new().run(&plain, &expected, &crowd).unwrap();
+    assert!(carried.labels[..] == expected[..]);
+    let (dir, run) = (tempfile::tempdir().unwrap(), Run::new(&()));
+    let volume = |mesh: &Mesh| {
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        measure::mesh(mesh, Context::new(&work, &run)).unwrap().all.volume.unwrap()
+    };
+    assert_eq!(volume(&plain), volume(&crowd));
+}
+
+/// Small meshes are their own cells, and specks beside one were, too: with two parts the second was a speck.
+#[test]
+fn a_number_of_parts_of_a_small_mesh_is_not_made_up_by_specks() {
+    let (mut points, mut faces) = arrays(&Mesh::creature(1_000).unwrap());
+    let expected = Segmenter::new().parts(3).run(&Mesh::from_slices(&points, &faces).unwrap()).unwrap();
+    let n = points.len() as u32;
+    assert!(faces.len() < 2_000);
+    points.extend([[3., 0., 0.], [3., 0., 1e-4], [3., 1e-4, 0.]]);
+    faces.extend([[5, 5, 5], [n, n + 1, n + 2]]);
+    let mesh = Mesh::from_vecs(points, faces).unwrap();
+    for (tiny, all) in [(TinyComponents::Join, 3), (TinyComponents::Own, 4)] {
+        let cut = Segmenter::new().parts(3).tiny_components(tiny).run(&mesh).unwrap();
+        let real = &cut.labels()[..expected.labels().len()];
+        assert!(real == expected.labels());
+        assert_eq!((cut.parts(), real.iter().max()), (all, Some(&2)));
+        let specks = &cut.labels()[real.len()..];
+        assert!(specks.iter().all(|&label| (label == 3) == (all == 4)), "{specks:?}");
+    }
 }
