@@ -14,6 +14,9 @@ use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
 use crate::spectral::Kernel;
 
+/// Seeds of a comparison at the most.
+const MOST_SEEDS: u64 = 10_000;
+
 /// How far `labels` (faces) are from each of `truths` (faces each), people's as a rule, in the mean: the metrics of the
 /// Princeton Segmentation Benchmark, 0 where equal. Values of labels do not matter, only which faces share one.
 ///
@@ -86,6 +89,7 @@ impl LabelTransfer {
 #[derive(Clone, Debug, Default)]
 pub struct SamplingQuality {
     params: CompareParams,
+    seeds: Option<u64>,
     metric: Metric,
     pub(super) options: RunOptions,
 }
@@ -113,10 +117,10 @@ impl SamplingQuality {
         self
     }
 
-    /// Measures each way under so many seeds, counted from [`SamplingQuality::seed`].
+    /// Measures each way under so many seeds, counted from [`SamplingQuality::seed`]; 1 by default, 10,000 at the most.
     #[must_use]
     pub fn seeds(mut self, count: u64) -> Self {
-        self.params.seeds = (0..count).collect();
+        self.seeds = Some(count);
         self
     }
 
@@ -137,10 +141,16 @@ impl SamplingQuality {
     /// Measures samples of the faces of `mesh`: one record per sampling, number of landmarks and seed.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for no or 0 landmarks, no sampling, no seed, or a width that is no positive number;
-    /// [`crate::Error::WorkDir`], [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    /// [`crate::Error::Parameter`] for no or 0 landmarks, no sampling, no seed or too many, or a width that is no
+    /// positive number; [`crate::Error::WorkDir`], [`crate::Error::Memory`], [`crate::Error::Io`],
+    /// [`crate::Error::Cancelled`].
     pub fn run(&self, mesh: &Mesh) -> Result<Vec<SampleRecord>> {
-        let seeds = self.params.seeds.iter().map(|seed| seed.wrapping_add(self.options.seed)).collect();
+        let count = self.seeds.unwrap_or(1);
+        if count > MOST_SEEDS {
+            let problem = format!("{count} seeds");
+            return Err(crate::Error::parameter("seeds", problem, format!("choose from 1 to {MOST_SEEDS}")));
+        }
+        let seeds = (0..count).map(|seed| seed.wrapping_add(self.options.seed)).collect();
         let params = CompareParams { seeds, ..self.params.clone() };
         let lengths = params.samplings.iter().any(|sampling| sampling.needs_lengths());
         let data = StudyParams { metric: self.metric, matrix: 0, lengths, ..StudyParams::default() };

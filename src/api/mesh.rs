@@ -3,6 +3,7 @@
 use crate::apps::creature::{Creature, Options};
 use crate::apps::export::form::{Form, SaveOptions, unknown};
 use crate::base::{Error, Result};
+use crate::mesh::geometry::{MOST_CORNERS, MOST_FACES};
 use crate::mesh::{Labelling, Mesh};
 use crate::pipeline::admission::admit;
 use crate::pipeline::input;
@@ -25,6 +26,11 @@ impl Mesh {
     /// [`Error::Parameter`] for more faces than can be numbered.
     pub fn creature(faces: u64) -> Result<Self> {
         let creature = Creature::new(&Options { faces, ..Options::default() })?;
+        let most = MOST_FACES.min(MOST_CORNERS / 3);
+        if creature.face_count() > most {
+            let problem = format!("{faces} faces are more than can be numbered");
+            return Err(Error::parameter("faces", problem, format!("ask for at most {}", most / 100 * 99)));
+        }
         let positions = (0..creature.vertex_count()).map(|v| creature.position(v)).collect();
         let faces = (0..creature.face_count()).map(|f| creature.face(f)).collect();
         Self::from_vecs(positions, faces)

@@ -3,6 +3,7 @@
 //! Every builder has the same setters, made by [`run_options`], and those with stages also [`work_options`]. Cost: none
 //! of the size of a mesh.
 
+use crate::base::parallel::catch;
 use crate::base::{Cancel, Progress, Result, Told};
 use crate::store::{Budget, Context, Run, WorkDir};
 use std::path::PathBuf;
@@ -25,10 +26,10 @@ pub(super) struct RunOptions {
 macro_rules! run_options {
     ($builder:ident) => {
         impl $builder {
-            /// Works with `threads` threads, at least one; by default with one per core.
+            /// Works with `threads` threads, from 1 to 65,535; by default with one per core.
             #[must_use]
             pub fn threads(mut self, threads: usize) -> Self {
-                self.options.threads = Some(threads.max(1));
+                self.options.threads = Some(threads.clamp(1, u16::MAX.into()));
                 self
             }
 
@@ -119,7 +120,8 @@ impl RunOptions {
     /// Calls `work` with the run and the work directory that the options ask for, and what the run tells.
     ///
     /// # Errors
-    /// Those of `work`; [`crate::Error::WorkDir`] for a folder that is something else.
+    /// Those of `work`; [`crate::Error::WorkDir`] for a folder that is something else; [`crate::Error::Internal`] where
+    /// the listener panics.
     pub(super) fn with<R>(&self, work: impl FnOnce(Context<'_>, &Told) -> Result<R>) -> Result<R> {
         let silent: &dyn Progress = &();
         let progress = self.progress.as_deref().map_or(silent, |progress| progress);
@@ -136,7 +138,7 @@ impl RunOptions {
                 WorkDir::in_memory(&parent, &run.budget)
             }
         };
-        work(Context::new(&place, &run), &kept.told)
+        catch(|| work(Context::new(&place, &run), &kept.told))?
     }
 }
 

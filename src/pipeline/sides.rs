@@ -22,6 +22,7 @@ use crate::graph::VertexGraph;
 use crate::graph::vertex_graph::VertexFacts;
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
+use crate::pipeline::params::LANDMARKS_AT_MOST;
 use crate::spectral::local::LocalBasis;
 use crate::spectral::nystrom::{OrthogonalEmbedding, OrthogonalParams, Point};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
@@ -190,6 +191,10 @@ impl<'a> Side<'a> {
         context: Context<'_>,
     ) -> Result<Self> {
         params.embedding.check()?;
+        if !(2..=LANDMARKS_AT_MOST).contains(&params.landmarks) {
+            let (problem, remedy) = (format!("{}", params.landmarks), format!("choose from 2 to {LANDMARKS_AT_MOST}"));
+            return Err(Error::parameter("landmarks", problem, remedy));
+        }
         let kept = WorkDir::open(&context.work.file(name))?;
         let work = WorkDir::temporary(kept.path())?;
         let context = Context::new(&kept, context.run);
@@ -296,8 +301,12 @@ impl Guidance {
             let problem = format!("a vertex beyond the {n_a} of A or the {n_b} of B");
             return Err(Error::parameter("pairs", problem, "count vertices from 0"));
         }
+        if params.partial && params.refine == Refine::None {
+            let problem = "parts are matched by refinement";
+            return Err(Error::parameter("refine", problem, "leave it at its default"));
+        }
         let given = !self.pairs.is_empty() || self.map.is_some() || params.alternative > 0;
-        if params.partial && (params.refine == Refine::None || params.transfer || given) {
+        if params.partial && (params.transfer || given) {
             let problem =
                 "parts are matched by refinement, without `transfer`, `alternative`, landmarks or a map to begin with";
             return Err(Error::parameter("partial", problem, "leave these out"));

@@ -9,7 +9,9 @@ use nystrom_stream::pipeline::labels::Labels;
 use nystrom_stream::pipeline::{Boundaries, Cluster, Walls};
 use nystrom_stream::spectral::EmbeddingParams;
 use nystrom_stream::store::WorkDir;
-use nystrom_stream::{Cancel, Error, Labelling, Mesh, Progress, SaveOptions, Segmenter, Sequencer, evaluate};
+use nystrom_stream::{
+    Cancel, Error, Labelling, Matcher, Mesh, Progress, SamplingQuality, SaveOptions, Segmenter, Sequencer, evaluate,
+};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -96,6 +98,30 @@ fn a_panic_in_a_worker_ends_the_run_and_leaves_no_file() {
     }
     let resumed = plain.clone().work_dir(&work).run(&mesh).unwrap();
     assert_eq!(resumed.labels(), plain.run(&mesh).unwrap().labels());
+    // One at the beginning or the end of a stage went through the caller.
+    for stage in ["graph", "assign"] {
+        for begins in [true, false] {
+            let segmenter = plain.clone().progress(Arc::new(PanicsAt { stage, begins }));
+            let Err(error) = segmenter.run(&mesh) else { panic!("the panic was lost") };
+            assert!(matches!(&error, Error::Internal { .. }), "{error}");
+        }
+    }
+}
+
+/// Panics at the beginning or the end of a stage.
+struct PanicsAt {
+    stage: &'static str,
+    begins: bool,
+}
+
+impl Progress for PanicsAt {
+    fn begin(&self, stage: &str, _: &'static str, _: u64) {
+        assert!(!self.begins || stage != self.stage);
+    }
+
+    fn end(&self, stage: &str, _: f64) {
+        assert!(self.begins || stage != self.stage);
+    }
 }
 
 /// Stops the run when boundaries are refined.
@@ -270,8 +296,21 @@ fn what_a_file_cannot_hold_and_options_without_effect_are_refused() {
         ("embedding", Segmenter::new().embedding(EmbeddingParams::for_parts(2))),
         ("landmarks", Segmenter::new().landmarks(0)),
         ("landmarks", Segmenter::new().landmarks(5000)),
+        ("ensemble_size", Segmenter::new().ensemble_size(1 << 40)),
     ] {
         told(segmenter.run(&mesh).map(drop), option);
+    }
+    // These ended in failed allocations, in panics, or after minutes.
+    told(SamplingQuality::new().seeds(u64::MAX).run(&mesh).map(drop), "seeds");
+    told(Matcher::new().landmarks(1 << 20).run(&mesh, &mesh).map(drop), "landmarks");
+    told(Mesh::creature(2_100_000_000).map(drop), "faces");
+    for threads in [usize::MAX / 8, usize::MAX] {
+        SamplingQuality::new()
+            .landmarks([2])
+            .threads(threads)
+            .memory(1 << 30)
+            .run(&Mesh::creature(500).unwrap())
+            .unwrap();
     }
     told(evaluate(&mesh, &[0, 1], &[[0, 1, 2]]).map(drop), "truth 1");
     let stop = Cancel::default();

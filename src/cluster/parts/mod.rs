@@ -56,6 +56,9 @@ pub use interior::enclosed::Enclosed;
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
+/// Over-segmentations of an ensemble at the most.
+pub const MOST_SEGMENTATIONS: usize = 4096;
+
 /// How the parts are decided.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -93,7 +96,7 @@ pub struct PartsParams {
     /// −1 (one part) to 1 (as fine as can be told), 0 being the parts found; moves the threshold
     /// ([`detail_threshold`]). No effect where the number is given.
     pub detail: f64,
-    /// Over-segmentations in the ensemble of [`Decision::SoftTrees`], at least 1.
+    /// Over-segmentations in the ensemble of [`Decision::SoftTrees`], from 1 to [`MOST_SEGMENTATIONS`].
     pub ensemble_size: usize,
     /// Connected pieces below this share of the area join a neighbour.
     pub small_part: f64,
@@ -121,8 +124,10 @@ impl PartsParams {
             let problem = format!("{} is out of range", self.detail);
             return Err(Error::parameter("detail", problem, "choose from -1 to 1"));
         }
-        if self.ensemble_size == 0 {
-            return Err(Error::parameter("ensemble_size", "0 segmentations", "choose at least 1"));
+        if !(1..=MOST_SEGMENTATIONS).contains(&self.ensemble_size) {
+            let problem = format!("{} segmentations", self.ensemble_size);
+            let remedy = format!("choose from 1 to {MOST_SEGMENTATIONS}");
+            return Err(Error::parameter("ensemble_size", problem, remedy));
         }
         if !(0.0..1.0).contains(&self.small_part) {
             let problem = format!("{} is no share of the area", self.small_part);
