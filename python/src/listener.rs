@@ -6,8 +6,10 @@
 use super::raised;
 use nystrom_stream::store::Run;
 use nystrom_stream::{Cancel, Progress};
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use std::collections::BTreeMap;
+use std::ffi::CString;
 use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -134,11 +136,25 @@ fn look(py: Python<'_>, callback: Option<&Py<PyAny>>, stage: Option<(String, u64
     callback.zip(stage).map_or(Ok(()), |(callback, told)| callback.call1(py, told).map(drop))
 }
 
-/// [`watched`] for work that takes a run and tells nothing.
+/// Keeps notes.
+#[derive(Default)]
+struct Notes(Mutex<Vec<String>>);
+
+impl Progress for Notes {
+    fn note(&self, text: &str) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(text.to_string());
+    }
+}
+
+/// [`watched`] for work that takes a run and tells no progress. Its notes become warnings: what a form of file loses is told there.
 pub fn run<T: Send>(py: Python<'_>, work: impl FnOnce(&Run) -> nystrom_stream::Result<T> + Send) -> PyResult<T> {
-    watched(py, None, |_, cancel| {
-        let mut run = Run::new(&());
-        run.cancel = cancel.clone();
-        work(&run)
-    })
+    let (result, notes) = watched(py, None, |_, cancel| {
+        let notes = Notes::default();
+        let result = work(&Run { cancel: cancel.clone(), ..Run::new(&notes) })?;
+        Ok((result, notes.0.into_inner().unwrap_or_else(PoisonError::into_inner)))
+    })?;
+    for note in notes {
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(note.replace('\0', " "))?, 1)?;
+    }
+    Ok(result)
 }

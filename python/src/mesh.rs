@@ -114,7 +114,8 @@ impl PyMesh {
             run.budget = max_memory.map_or(run.budget, Budget::new);
             run.cancel = cancel.clone();
             let scratch = private_folder(&tmp.unwrap_or_else(std::env::temp_dir))?;
-            let mesh = nystrom_stream::mesh::open(&path, scratch.path(), &run)?;
+            let open = || nystrom_stream::mesh::open(&path, scratch.path(), &run);
+            let (mesh, _) = run.stage("read", "faces", 0, open)?;
             Ok(Self { mesh, file, _scratch: Some(scratch) })
         })
     }

@@ -1,5 +1,7 @@
 """What is taken for arrays, labels, colours, names and options, and how the rest is refused."""
 
+import os
+import typing
 from pathlib import Path
 
 import numpy as np
@@ -197,3 +199,77 @@ def test_two_runs_in_one_work_dir_are_told_of_runs(mesh, tmp_path):
 
     with pytest.raises(ValueError, match="in use by another run"):
         nystrom_stream.segment(*mesh, 3, work_dir=tmp_path / "work", progress=meanwhile)
+
+
+def test_masks_are_heeded(mesh, cut):
+    """Masked corners were corners, masked vertices places, and masked labels and hints values."""
+    vertices, faces = mesh
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    masked = np.ma.masked_array([[0, 1, 2, 0], [0, 1, 2, 3]], mask=[[0, 0, 0, 1], [0, 0, 0, 0]])
+    assert nystrom_stream.measure(square, masked)["quads"] == 1
+    assert nystrom_stream.measure(square, np.ma.masked_array([[0, 1, 2, 3]]))["quads"] == 1
+    with pytest.raises(ValueError, match="vertices: some values are masked"):
+        nystrom_stream.measure(np.ma.masked_array(square, mask=np.eye(4, 3)), [[0, 1, 2]])
+    none = np.ma.masked_array(np.arange(len(faces)), mask=True)
+    assert (nystrom_stream.segment(vertices, faces, 3, hints=none).labels == cut.labels).all()
+    labels = np.ma.masked_array(cut.labels, mask=cut.labels == 0)
+    carried = nystrom_stream.transfer_labels(mesh, mesh, labels)
+    assert (carried.labels[cut.labels != 0] == cut.labels[cut.labels != 0]).all()
+    with pytest.raises(ValueError, match="labels: some values are masked"):
+        nystrom_stream.evaluate(labels, cut.labels, mesh)
+
+
+def test_integers_of_several_types_are_faces(mesh):
+    """NumPy makes floating-point numbers of unsigned and signed ones, which were refused."""
+    square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    mixed = [np.array([0, 1, 2], np.uint64), np.array([0, 1, 2, 3])]
+    assert nystrom_stream.measure(square, mixed)["quads"] == 1
+    assert nystrom_stream.measure(square, [[0, 1, 2], []])["incomplete_faces"] == 1
+
+
+def test_what_makes_no_sense_names_its_option(mesh, cut, tmp_path):
+    vertices, faces = mesh
+    for option, call in {
+        "faces": lambda: nystrom_stream.segment(vertices, iter(faces)),
+        "faces:": lambda: nystrom_stream.segment(vertices, [[0, 1, 2], None]),
+        "parts_range": lambda: nystrom_stream.segment(vertices, faces, parts_range=5),
+        "size": lambda: nystrom_stream.picture(cut, size=5),
+        "names": lambda: nystrom_stream.segment(vertices, faces, names=5),
+        "truths": lambda: nystrom_stream.evaluate(cut, None),
+        "truths:": lambda: nystrom_stream.evaluate(cut, "10_0.seg"),
+        "samplings": lambda: nystrom_stream.quality(vertices, faces, samplings=None),
+        "force": lambda: nystrom_stream.segment(vertices, faces, force="no"),
+        "exact": lambda: nystrom_stream.segment(vertices, faces, exact="no"),
+        "transparent": lambda: nystrom_stream.picture(cut, transparent=1),
+        "turn": lambda: nystrom_stream.picture(cut, turn="x"),
+        "progress": lambda: nystrom_stream.segment(vertices, faces, progress=5),
+        "work_dir": lambda: nystrom_stream.segment(vertices, faces, work_dir=5),
+        "cap": lambda: cut.save(tmp_path / "parts", cap="no"),
+        "part_form": lambda: cut.save(tmp_path / "parts", part_form=None),
+    }.items():
+        with pytest.raises(TypeError, match=option):
+            call()
+    with pytest.raises(ValueError, match="seeds"):
+        nystrom_stream.quality(vertices, faces, seeds=2**62)
+    with pytest.raises(TypeError):
+        cut[0:1]
+    cut.save(os.fsencode(tmp_path / "labels.npy"))
+    assert (np.load(tmp_path / "labels.npy") == cut.labels).all()
+    assert typing.get_type_hints(nystrom_stream.segment)["force"] is bool
+
+
+def test_a_relative_work_dir_stays_where_it_was(mesh, tmp_path, monkeypatch):
+    """Edits looked for it wherever the process was by then."""
+    monkeypatch.chdir(tmp_path)
+    cut = nystrom_stream.segment(*mesh, 4, work_dir="work")
+    (tmp_path / "other").mkdir()
+    monkeypatch.chdir(tmp_path / "other")
+    edited = cut.edit({"edit": "split", "at": cut.place(0)})
+    assert "rows" not in edited.report["seconds"] and not (tmp_path / "other" / "work").exists()
+
+
+def test_what_a_form_loses_is_warned_of(mesh, tmp_path):
+    vertices, faces = mesh
+    far = nystrom_stream.segment(np.asarray(vertices, np.float64) + 1e9, faces, 3)
+    with pytest.warns(UserWarning, match="STL"):
+        far.save(tmp_path / "parts", part_form="stl")

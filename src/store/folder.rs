@@ -174,18 +174,24 @@ fn without_locks(error: &io::Error) -> bool {
 /// A folder for scratch files, removed when dropped. Where the process is killed instead, the next run that makes
 /// one beside it removes it.
 #[derive(Debug)]
-pub struct PrivateFolder(Folder);
+pub struct PrivateFolder {
+    folder: Folder,
+    /// The process that made it: one that it forks has a copy of this, and leaves the folder to its parent.
+    process: u32,
+}
 
 impl PrivateFolder {
     /// Its path.
     pub fn path(&self) -> &Path {
-        &self.0.path
+        &self.folder.path
     }
 }
 
 impl Drop for PrivateFolder {
     fn drop(&mut self) {
-        remove_folder(&self.0.path);
+        if self.process == std::process::id() {
+            remove_folder(&self.folder.path);
+        }
     }
 }
 
@@ -194,7 +200,7 @@ impl Drop for PrivateFolder {
 /// # Errors
 /// [`Error::Io`].
 pub fn private(parent: &Path) -> Result<PrivateFolder> {
-    temporary_folder(parent).map(PrivateFolder)
+    Ok(PrivateFolder { folder: temporary_folder(parent)?, process: std::process::id() })
 }
 
 /// An error of `tempfile` without the path that its text repeats. The system's number is in the text alone.
@@ -353,7 +359,7 @@ mod tests {
         // Another that is made beside it leaves it, until its process is gone.
         let other = private(dir.path()).unwrap();
         assert!(path.join("input").exists());
-        let PrivateFolder(Folder { lock, .. }) = &folder;
+        let Folder { lock, .. } = &folder.folder;
         fs4::FileExt::unlock(&lock.as_ref().unwrap().file).unwrap();
         drop(private(dir.path()).unwrap());
         assert!(!path.exists() && other.path().exists());

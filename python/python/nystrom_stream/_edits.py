@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Optional, Union
+from typing import Any, Optional, Union
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._meshes import MOST, Path, packed, whole
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+from ._meshes import MOST, Path, packed, unmasked, whole
 
 Edits = Union[Path, Mapping[str, Any], Sequence[Mapping[str, Any]]]
 Names = Union[Path, Mapping[int, str], Sequence[str]]
@@ -29,11 +27,11 @@ def as_edits(edits: Any) -> dict[str, Any]:
                 edits = json.load(file)
             except ValueError as error:
                 raise ValueError(f"{os.fspath(file.name)}: no file of edits: {error}") from None
-    if isinstance(edits, dict) and "edits" in edits:
+    if isinstance(edits, Mapping) and "edits" in edits:
         return {**FORMAT, **edits}
-    if isinstance(edits, dict):
+    if isinstance(edits, Mapping):
         edits = [edits]
-    if not isinstance(edits, (list, tuple)) or not all(isinstance(edit, dict) for edit in edits):
+    if not isinstance(edits, Sequence) or not all(isinstance(edit, Mapping) for edit in edits):
         raise TypeError('edits: give a path, or a list such as [{"edit": "split", "at": [0.5, 0.1, 0.2], "into": 3}]')
     return {**FORMAT, "edits": list(edits)}
 
@@ -41,6 +39,8 @@ def as_edits(edits: Any) -> dict[str, Any]:
 def text_of(edits: Mapping[str, Any]) -> str:
     """The text of a file of edits; NumPy's arrays and numbers are taken."""
     def plain(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return dict(value)
         if hasattr(value, "tolist"):
             return value.tolist()
         raise TypeError(f"edits: a {type(value).__name__} is neither a place, a number nor a text")
@@ -54,7 +54,7 @@ def as_hints(hints: Union[ArrayLike, str, None], mesh: _native.Mesh) -> Optional
         return None
     if isinstance(hints, str):
         return mesh.face_property(hints)
-    hints = np.asarray(hints)
+    hints = np.asarray(unmasked("hints", hints, 0))
     if hints.ndim != 1 or len(hints) != mesh.faces or not np.issubdtype(hints.dtype, np.integer) or (hints < 0).any():
         raise ValueError(f"hints: give one integer per face, 0 or more; there are {mesh.faces} faces")
     if (hints > MOST).any():
@@ -68,6 +68,8 @@ def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str],
     if isinstance(names, (str, os.PathLike)):
         names = _native.read_names(names)
     by_part = hasattr(names, "keys")
+    if not by_part and not hasattr(names, "__iter__"):
+        raise TypeError(f"names: {names!r}; give a list, a dict by part, or the path of a table")
     told = {whole("names", part): name for part, name in (dict(names).items() if by_part else enumerate(names))}
     for part, name in told.items():
         if not by_part and not name:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, Literal, Optional, Union, get_args
+import os
+from collections.abc import Iterable
+from typing import Any, Literal, Optional, Union, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._edits import Edits, Names, as_edits, as_hints, read_names, started_from
-from ._meshes import DEFAULT, MOST, MeshLike, Path, Progress, as_colours, as_labels, as_mesh, real, run_options, whole
+from ._meshes import (DEFAULT, MOST, MeshLike, Path, Progress, as_colours, as_labels, as_mesh, as_path, flag, pair, real, run_options,
+                      whole)
 from ._results import Correspondence, Segmentation, Sequence, Transfer, cut_mesh
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import ArrayLike, NDArray
 
 Bytes = Union[int, str, None]
 # The words that options take, for type checkers and for what is refused.
@@ -40,7 +39,7 @@ _METHODS = {"parts": "parts", "kmeans": "k-means", "k-means": "k-means", "two-me
 def _choose(name: str, value: Any, words: Any) -> str:
     """`value`, which must be one of `words`."""
     choices = [str(word) for word in get_args(words)]
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         raise ValueError(f"{name}: {value!r}; choose {', '.join(choices[:-1])} or {choices[-1]}")
     return str(value)
 
@@ -80,14 +79,13 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
     if parts is not None:
         params["parts"]["count"] = {"exactly": parts}
     if parts_range is not None:
-        least, most = parts_range
-        params["parts"]["count"] = {"between": [whole("parts_range", least, 1), whole("parts_range", most, 1)]}
+        params["parts"]["count"] = {"between": pair("parts_range", parts_range)}
     if landmarks is not None:
         params["landmarks"] = whole("landmarks", landmarks, 1)
     params["parts"]["detail"] = real("detail", detail)
     if sampling is not None:
         params["sampling"] = sampling
-    params.update(cluster=method, exact=bool(exact), metric=metric, order=order)
+    params.update(cluster=method, exact=flag("exact", exact), metric=metric, order=order)
     if decision is not None:
         params["parts"]["decision"] = decision
     params.update({name: value for name, value in own.items() if value is not None and name != "decision"})
@@ -100,7 +98,7 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
         if sigma is not None:
             embedding["width"] = {"rule": "mean", "value": real("sigma", sigma)}
         if unit_rows is not None:
-            embedding["unit_rows"] = bool(unit_rows)
+            embedding["unit_rows"] = flag("unit_rows", unit_rows)
     text = json.dumps(params)
     _native.check_params(text)
     return text
@@ -173,8 +171,10 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
         # Edits and hints change the number of parts.
         names = read_names(names, parts if told is None and hints is None else None)
     run = run_options(threads, max_memory, tmp, progress)
-    options: dict[str, Any] = {"params": params, "work_dir": work_dir, "force": force, "seed": _seed(seed), "threads": run[0],
-                               "max_memory": run[1], "tmp": tmp}
+    # Later edits mean the same folders, wherever the process is by then.
+    folder = None if work_dir is None else os.path.abspath(as_path("work_dir", work_dir))
+    options: dict[str, Any] = {"params": params, "work_dir": folder, "force": flag("force", force), "seed": _seed(seed),
+                               "threads": run[0], "max_memory": run[1], "tmp": run[2]}
     if told and parts is None and parts_range is None and not detail:
         options = started_from(options, told)
     elif told:
@@ -195,7 +195,7 @@ def segment_file(path: Path, parts: Optional[int] = None, **options: Any) -> Seg
 
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
     """Reads a mesh file: vertices (v, 3) float64 and triangles (n, 3) uint32; polygons are cut into fans."""
-    mesh = _native.Mesh.open(path, *DEFAULT)
+    mesh = _native.Mesh.open(as_path("path", path), *DEFAULT)
     return np.asarray(mesh.vertices(), np.float64), mesh.triangles()[0]
 
 
@@ -212,7 +212,7 @@ def correspond(a: MeshLike, *others: Any, matching: Matching = "all", transfer: 
     landmarks: number of sampled vertices on each mesh; by default 50, for more than 300,000 vertices 20.
     """
     run = run_options(threads, max_memory, tmp, progress)
-    choices = (_choose("matching", matching, Matching), transfer, whole("alternative", alternative), _optional("vectors", vectors),
+    choices = (_choose("matching", matching, Matching), flag("transfer", transfer), whole("alternative", alternative), _optional("vectors", vectors),
                _optional("landmarks", landmarks), _seed(seed))
     if len(others) == 3:
         a, b = as_mesh(a, others[0], run), as_mesh(others[1], others[2], run)
@@ -251,6 +251,8 @@ def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:
         raise TypeError("mesh: missing; give the mesh of the labels, or a Segmentation")
     mesh = as_mesh(labels if mesh is None else mesh)
     # A result has a length too, and is one labelling all the same; a column of a table is indexed by whatever names its rows.
+    if isinstance(truths, str) or not any(hasattr(truths, name) for name in ("labels", "__array__", "__iter__")):
+        raise TypeError(f"truths: {truths!r}; give labels, a Segmentation, or several")
     if not hasattr(truths, "labels"):
         truths = np.asarray(truths) if hasattr(truths, "__array__") else list(truths)
     if hasattr(truths, "labels") or len(truths) and not hasattr(truths[0], "labels") and np.ndim(truths[0]) == 0:
@@ -278,10 +280,12 @@ def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Opti
             colours = _native.part_colours(mesh, labels)
     parts = 0 if labels is None else int((labels[labels != MOST] + 1).max(initial=0))
     colours = as_colours(np.zeros((0, 3), np.uint8) if colours is None else colours, parts)
-    width, height = (whole("size", pixels, 1) for pixels in size)
+    width, height = pair("size", size)
+    flags = [flag(name, value) for name, value in {"transparent": transparent, "legend": legend, "lines": lines}.items()]
     if up is not None:
         _choose("up", up, Axis)
-    return _native.picture(mesh, labels, colours, width, height, whole("views", views, 1), transparent, legend, lines, up, turn, tilt)
+    return _native.picture(mesh, labels, colours, width, height, whole("views", views, 1), *flags, up, real("turn", turn),
+                           real("tilt", tilt))
 
 
 def sequence(mesh: MeshLike, faces: Any = None, *, order: StreamOrder = "spectral", smooth: int = 0, landmarks: Optional[int] = None,
@@ -310,6 +314,8 @@ def quality(mesh: MeshLike, faces: Any = None, *, landmarks: Union[int, Iterable
     except TypeError:
         several = [several]
     counts = [whole("landmarks", count, 1) for count in several]
+    if not hasattr(samplings, "__iter__"):
+        raise TypeError(f"samplings: {samplings!r}; give one or several")
     chosen = [_choose("samplings", word, Sampling) for word in ([samplings] if isinstance(samplings, str) else samplings)]
     choices = counts, chosen, whole("seeds", seeds, 1), _seed(seed)
     run = run_options(threads, max_memory, tmp, progress)

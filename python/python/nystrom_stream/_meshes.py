@@ -5,14 +5,12 @@ from __future__ import annotations
 import copyreg
 import operator
 import os
-from typing import TYPE_CHECKING, Any, Callable, Optional, Union
+from typing import Any, Callable, Optional, Union
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 # A path, a result of this package, (vertices, faces), or a mesh of trimesh, PyVista, Open3D or meshio: their classes have nothing in
 # common, and none of these packages need be installed.
@@ -53,6 +51,41 @@ def real(name: str, value: Any) -> float:
     return number
 
 
+def flag(name: str, value: Any) -> bool:
+    """Whether option `name` is set, which must be True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name}: {value!r} is neither True nor False")
+    return bool(value)
+
+
+def pair(name: str, value: Any) -> tuple[int, int]:
+    """The two numbers, from 1 on, that option `name` has."""
+    try:
+        first, second = value
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: {value!r} is no pair of numbers") from None
+    return whole(name, first, 1), whole(name, second, 1)
+
+
+def as_path(name: str, value: Any) -> str:
+    """The path that option `name` has: a text, bytes, or anything with a path."""
+    try:
+        return os.fsdecode(value)
+    except TypeError:
+        raise TypeError(f"{name}: {value!r} is no path") from None
+
+
+def unmasked(name: str, values: Any, instead: Optional[int] = None) -> Any:
+    """`values` without a mask: whole numbers with `instead` where they are masked; refused where there is nothing to put there."""
+    if not isinstance(values, np.ma.MaskedArray):
+        return values
+    if not np.ma.getmaskarray(values).any():
+        return values.data
+    if instead is None:
+        raise ValueError(f"{name}: some values are masked; leave them out")
+    return values.astype(np.int64).filled(instead)
+
+
 def packed(values: NDArray[Any], kind: Any = None) -> NDArray[Any]:
     """`values` row by row and aligned, as the compiled module takes arrays: it counts strides in whole items, which fields of packed
     records do not have."""
@@ -63,6 +96,7 @@ def array(name: str, values: Any, columns: Optional[int] = None) -> NDArray[Any]
     """`values` as a two-dimensional array of numbers: of anything that NumPy takes, a pandas table or a tensor too."""
     if hasattr(values, "detach"):
         values = values.detach().cpu()
+    values = unmasked(name, values)
     try:
         table: NDArray[Any] = np.asarray(values)
     except ValueError as error:
@@ -84,15 +118,32 @@ def _positions(vertices: ArrayLike) -> NDArray[Any]:
     return positions
 
 
-def _is_ragged(faces: Any) -> bool:
-    return isinstance(faces, (list, tuple)) and len({len(face) for face in faces}) > 1
+def _corners(faces: Any) -> NDArray[np.int64]:
+    """Numbers of vertices, of integers of any type: NumPy joins unsigned and signed ones to floating-point numbers."""
+    corners = np.asarray(faces)
+    if corners.size == 0:
+        return corners.astype(np.int64)
+    if not np.issubdtype(corners.dtype, np.integer):
+        raise TypeError(f"faces: {corners.dtype} is no integer")
+    if (corners < 0).any() or (corners > MOST).any():
+        raise ValueError("faces: not numbers of vertices, counted from 0")
+    return corners.astype(np.int64)
 
 
 def from_arrays(vertices: ArrayLike, faces: Any) -> _native.Mesh:
-    """A mesh of (v, 3) positions and (n, corners) faces, or of faces of different lengths as a list of lists."""
+    """A mesh of (v, 3) positions and (n, corners) faces, or of faces of different lengths as a list of lists. Masked corners at the end
+    of a face are none."""
     vertices = _positions(vertices)
-    if _is_ragged(faces):
-        return _of_polygons(vertices, [len(face) for face in faces], np.concatenate([np.asarray(face) for face in faces]))
+    if isinstance(faces, np.ma.MaskedArray) and faces.ndim == 2 and np.ma.getmaskarray(faces).any():
+        faces = [face.compressed() for face in faces]
+    if not hasattr(faces, "__len__"):
+        raise TypeError(f"faces: a {type(faces).__name__}; give an array, or a list of the corners of each face")
+    if isinstance(faces, (list, tuple)):
+        if not all(hasattr(face, "__len__") and not isinstance(face, (str, bytes)) for face in faces):
+            raise TypeError("faces: give the corners of each face")
+        counts = [len(face) for face in faces]
+        if len(set(counts)) > 1:
+            return _of_polygons(vertices, counts, np.concatenate([_corners(face) for face in faces]))
     if len(faces) == 0:
         faces = np.empty((0, 3), np.uint32)
     faces = array("faces", faces)
@@ -105,8 +156,6 @@ def from_arrays(vertices: ArrayLike, faces: Any) -> _native.Mesh:
 
 def _of_polygons(vertices: NDArray[Any], counts: Any, corners: NDArray[Any]) -> _native.Mesh:
     """A mesh of faces with `counts` corners each, one face after the other in `corners`."""
-    if not np.issubdtype(corners.dtype, np.integer) or (corners < 0).any() or (corners > MOST).any():
-        raise ValueError("faces: not numbers of vertices, counted from 0")
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.uint64)
     return _native.Mesh.from_polygons(packed(vertices, np.float64), starts, packed(corners, np.uint32))
 
@@ -139,9 +188,9 @@ def _of_blocks(mesh: Any) -> _native.Mesh:
         kinds = ", ".join(sorted({block.type for block in mesh.cells})) or "nothing"
         raise ValueError(f"mesh: no triangles, quads or polygons among its cells ({kinds}); give its surface")
     if len({block.shape[1] for block in blocks}) == 1:
-        return from_arrays(mesh.points, np.concatenate(blocks))
+        return from_arrays(mesh.points, np.concatenate([_corners(block) for block in blocks]))
     counts = np.concatenate([np.full(len(block), block.shape[1], np.uint64) for block in blocks])
-    return _of_polygons(_positions(mesh.points), counts, np.concatenate([block.ravel() for block in blocks]))
+    return _of_polygons(_positions(mesh.points), counts, np.concatenate([_corners(block).ravel() for block in blocks]))
 
 
 def as_mesh(mesh: MeshLike, faces: Any = None, run: Run = DEFAULT) -> _native.Mesh:
@@ -156,8 +205,8 @@ def as_mesh(mesh: MeshLike, faces: Any = None, run: Run = DEFAULT) -> _native.Me
     if hasattr(mesh, "_as_mesh"):
         own: _native.Mesh = mesh._as_mesh()
         return own
-    if isinstance(mesh, (str, os.PathLike)):
-        return _native.Mesh.open(os.fspath(mesh), *run)
+    if isinstance(mesh, (str, bytes, os.PathLike)):
+        return _native.Mesh.open(os.fsdecode(mesh), *run)
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         return from_arrays(*mesh)
     if hasattr(mesh, "geometry") and hasattr(mesh, "dump"):
@@ -188,7 +237,9 @@ def as_mesh(mesh: MeshLike, faces: Any = None, run: Run = DEFAULT) -> _native.Me
 
 def as_labels(labels: Any, faces: int, name: str = "labels", partial: bool = False) -> NDArray[np.uint32]:
     """One label per face as uint32; where they may be `partial`, a negative one says that a face has none, and becomes `MOST`."""
-    labels = np.asarray(getattr(labels, "labels", labels))
+    labels = np.asarray(unmasked(name, getattr(labels, "labels", labels), -1 if partial else None))
+    if labels.ndim == 0:
+        raise TypeError(f"{name}: {labels.item()!r}; give one per face")
     if labels.ndim != 1 or len(labels) != faces:
         raise ValueError(f"{name}: {'×'.join(map(str, labels.shape))} for {faces} faces; give one per face")
     if not np.issubdtype(labels.dtype, np.integer):
@@ -236,7 +287,10 @@ def as_bytes(size: Union[int, str, None]) -> Optional[int]:
 
 def run_options(threads: Optional[int], max_memory: Union[int, str, None], tmp: Optional[Path], progress: Progress) -> Run:
     """These options, checked."""
-    return None if threads is None else whole("threads", threads, 1), as_bytes(max_memory), tmp, progress
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress: {progress!r} cannot be called")
+    return (None if threads is None else whole("threads", threads, 1, 65535), as_bytes(max_memory),
+            None if tmp is None else os.path.abspath(as_path("tmp", tmp)), progress)
 
 
 def _pickled(mesh: _native.Mesh) -> tuple[Any, ...]:

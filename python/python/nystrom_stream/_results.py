@@ -5,22 +5,22 @@ from __future__ import annotations
 
 import html
 import json
+import operator
 import os
 import tempfile
+from collections.abc import Mapping, Sequence as Several
 from typing import TYPE_CHECKING, Any, Optional
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import _native
 from ._edits import Edits, Names, as_edits, as_names, started, started_from, text_of
-from ._meshes import Path, Progress, as_colours, whole
+from ._meshes import Path, Progress, as_colours, as_labels, as_path, flag, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence as Several
-
     import pyvista
     import trimesh
-    from numpy.typing import NDArray
 
 
 class _OfMesh:
@@ -102,7 +102,7 @@ class Segmentation(_OfMesh):
         With the `work_dir` of the cut, only the parts and their boundaries are computed again; else all is. Raises ValueError for
         an edit that cannot be followed, naming it, and for K-means and 2-means.
         """
-        whole = isinstance(edits, (str, os.PathLike)) or isinstance(edits, dict) and "edits" in edits
+        whole = isinstance(edits, (str, os.PathLike)) or isinstance(edits, Mapping) and "edits" in edits
         told = as_edits(edits)
         if not whole:
             told = {**(self._edits or {}), **told, "edits": self.edits + told["edits"]}
@@ -120,7 +120,7 @@ class Segmentation(_OfMesh):
     def place(self, part: int) -> list[float]:
         """A place well inside a part, for edits: the point (x, y, z) in the middle of a face. Raises IndexError, and ValueError for
         a part whose faces have no place in space."""
-        part = range(self.n_parts)[part]
+        part = range(self.n_parts)[operator.index(part)]
         triangles, face = self._mesh.triangles()
         vertices = self.vertices
         own = self.labels[face] == part
@@ -173,7 +173,8 @@ class Segmentation(_OfMesh):
     def measure(self) -> list[dict[str, Any]]:
         """What each part measures: a list of dicts with area, volume (of closed parts), box, centroid, axes, spread, open_edges and
         neighbours with the length of the common border."""
-        measures: list[dict[str, Any]] = json.loads(_native.measure_parts(self._mesh, self.labels, self.n_parts))
+        labels = as_labels(self.labels, self._mesh.faces)
+        measures: list[dict[str, Any]] = json.loads(_native.measure_parts(self._mesh, labels, self.n_parts))
         return measures
 
     def save(self, path: Path, *, vertex_labels: bool = False, split_vertices: bool = False, split_faces: bool = False, cap: bool = False,
@@ -184,13 +185,18 @@ class Segmentation(_OfMesh):
         Of a .ply: `vertex_labels` gives vertices labels and colours too, `split_vertices` gives each part vertices of its own,
         `split_faces` splits triangles where smooth boundaries cross them (not with the other two). Of a folder: `cap` closes the parts where
         they were cut off, `part_form` is "ply" or "stl". Raises ValueError for another ending, or an option that the form does not have;
-        OSError."""
+        OSError. What the form loses is told as a warning."""
         edits = text_of(self._edits) if self._edits else None
+        choices = {"vertex_labels": vertex_labels, "split_vertices": split_vertices, "split_faces": split_faces, "cap": cap}
+        flags = [flag(name, value) for name, value in choices.items()]
+        if not isinstance(part_form, str):
+            raise TypeError(f"part_form: {part_form!r}; choose ply or stl")
         # A pathlib.Path has no slash at its end.
         if isinstance(path, os.PathLike) and not os.path.splitext(path)[1]:
             path = os.path.join(path, "")
-        _native.save(self._mesh, self.labels, as_colours(self.colours, 0), self.quality, self.names, path, json.dumps(self.report), self._tree,
-                     self._cells, self._decision, edits, (vertex_labels, split_vertices, split_faces, cap, part_form))
+        labels, names = as_labels(self.labels, self._mesh.faces), self.names if any(self.names) else []
+        _native.save(self._mesh, labels, as_colours(self.colours, 0), self.quality, names, as_path("path", path), json.dumps(self.report),
+                     self._tree, self._cells, self._decision, edits, (*flags, part_form))
 
     def picture(self, **options: Any) -> NDArray[np.uint8]:
         """A picture of the parts: see `nystrom_stream.picture`."""
@@ -229,7 +235,7 @@ class Segmentation(_OfMesh):
 
     def __getitem__(self, part: int) -> NDArray[np.intp]:
         """The faces of a part: (faces of the part,), ascending. Raises IndexError."""
-        part = range(self.n_parts)[part]
+        part = range(self.n_parts)[operator.index(part)]
         return np.flatnonzero(self.labels == part)
 
     def __repr__(self) -> str:
@@ -292,7 +298,9 @@ class Correspondence:
 
     def save(self, path: Path) -> None:
         """Writes the matches as .npy, .csv or .parquet. Raises ValueError for another ending, OSError."""
-        _native.save_matches(self.matches, self.distances, self.confidence, path)
+        if not len(self.matches) == len(self.distances) == len(self.confidence):
+            raise ValueError("matches, distances and confidence differ in length")
+        _native.save_matches(self.matches, self.distances, self.confidence, as_path("path", path))
 
     def __repr__(self) -> str:
         return f"Correspondence({len(self.matches)} vertices)"
