@@ -3,6 +3,7 @@
 use crate::common::{self, errors, word};
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::store::Run;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -332,6 +333,35 @@ fn parts_can_have_vertices_of_their_own() {
     assert!(head.contains("comment part 2: third\n") && head.contains("property float scalar_label\n"), "{head}");
 }
 
+/// A cube of six times n × n quads, or twice as many triangles, blown up to a ball.
+fn ball(n: i32, triangles: bool) -> String {
+    let (mut numbers, mut points, mut faces) = (BTreeMap::new(), String::new(), Vec::new());
+    for (axis, side) in (0..3).flat_map(|axis| [(axis, -n), (axis, n)]) {
+        for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (2 * i - n, 2 * j - n))) {
+            let mut corners = [[i, j], [i + 2, j], [i + 2, j + 2], [i, j + 2]].map(|[u, v]| {
+                let mut at = [side; 3];
+                (at[(axis + 1) % 3], at[(axis + 2) % 3]) = (u, v);
+                let next = numbers.len();
+                *numbers.entry(at).or_insert_with(|| {
+                    let length = f64::from(at.iter().map(|x| x * x).sum::<i32>()).sqrt();
+                    let [x, y, z] = at.map(|x| f64::from(x) / length);
+                    points += &format!("{} {y} {z}\n", 2. * x);
+                    next
+                })
+            });
+            if side < 0 {
+                corners.reverse();
+            }
+            let [a, b, c, d] = corners;
+            faces.extend(if triangles { vec![vec![a, b, c], vec![a, c, d]] } else { vec![vec![a, b, c, d]] });
+        }
+    }
+    let line =
+        |face: &Vec<usize>| face.iter().fold(face.len().to_string(), |line, corner| format!("{line} {corner}")) + "\n";
+    let lines: String = faces.iter().map(line).collect();
+    format!("OFF\n{} {} 0\n{points}{lines}", numbers.len(), faces.len())
+}
+
 /// Parts of a closed mesh that are capped are closed, and their volumes add up to that of the whole.
 #[test]
 fn capped_parts_are_solids_whose_volumes_add_up() {
@@ -367,6 +397,31 @@ fn capped_parts_are_solids_whose_volumes_add_up() {
             }
         }
         assert!((sum / whole - 1.).abs() < 1e-6, "{form}: {sum} of {whole}");
+    }
+    // Regression: a chord of a cap could be an edge beside the cut on one side alone, which got a fan there and a plane on the
+    // other; and the diagonal of a quad, which an STL file has, so that four triangles met at it.
+    let (quads, triangles) = (dir.path().join("quads.off"), dir.path().join("triangles.off"));
+    std::fs::write(&quads, ball(8, false)).unwrap();
+    std::fs::write(&triangles, ball(5, true)).unwrap();
+    for (mesh, form, parts, more) in [
+        (&quads, "stl", "8", &[][..]),
+        (&triangles, "ply", "2", &["--cluster", "kmeans"]),
+        (&triangles, "ply", "2", &["--cluster", "kmeans", "--seed", "1"]),
+    ] {
+        let (folder, whole) = (tempfile::tempdir().unwrap(), measured(mesh).all.volume.unwrap());
+        let out = format!("{}/", folder.path().display());
+        let words = ["-q", "-k", parts, "--cap", "--part-form", form, "-o", &out];
+        common::segment(mesh, &[&words[..], more].concat());
+        let listed = std::fs::read(folder.path().join("parts.json")).unwrap();
+        let listed: serde_json::Value = serde_json::from_slice(&listed).unwrap();
+        let mut sum = 0.;
+        for part in listed["parts"].as_array().unwrap() {
+            let here = measured(&folder.path().join(part["file"].as_str().unwrap()));
+            let closed = (here.all.open_edges, here.nonmanifold_edges) == (0, 0);
+            assert_eq!(part["caps"]["solid"] == true, closed, "{part}");
+            sum += here.all.volume.unwrap_or(f64::NAN);
+        }
+        assert!((sum / whole - 1.).abs() < 1e-6, "{form} {more:?}: {sum} of {whole}");
     }
     let output = common::run(&["segment", word(&mesh), "--cap", "-o", "x.glb"]);
     assert_eq!(output.status.code(), Some(2));

@@ -2,20 +2,25 @@
 //!
 //! The edges that one face of the part has alone are joined to loops; a loop that touches itself falls into simple
 //! ones. A loop is filled by ear clipping in the plane given by its own area vector (Newell's). Where that does not
-//! use all its edges once, folds, or would double an edge of the part, it is filled by a fan about its centre, which
-//! always closes it, but may cut through itself if the loop is far from flat and convex. Both sides of a loop get the
-//! same triangles, so volumes of parts add up to that of the whole.
+//! use all its edges once, folds, or would double an edge of the part or one beside the cut, it is filled by a fan
+//! about its centre, which always closes it, but may cut through itself if the loop is far from flat and convex. Both
+//! sides of a loop get the same triangles, so volumes of parts add up to that of the whole. Polygons have the edges of
+//! their triangles too, which STL files are made of.
 //!
-//! Vertices at the same position count as one. Cost: 16 bytes per corner of the part, from the budget,
-//! and a sort of its edges.
+//! Vertices at the same position count as one. Cost: 24 bytes per corner of the part, and 4 bytes per vertex of the
+//! mesh while it is seen where parts meet, from the budget; a sort of the edges.
 
 use crate::base::Result;
 use crate::base::sort::sort_by;
-use crate::base::vector::{distance, position_key};
+use crate::base::vector::{distance, finite, position_key};
 use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
+use crate::store::budget::Grant;
 use earcut::Earcut;
 use std::collections::{BTreeSet, HashMap};
+
+/// Faces between two looks at the stop flag.
+const CHUNK: usize = 1 << 16;
 
 /// A corner of a cap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,9 +40,60 @@ pub(super) struct Caps {
     pub triangles: Vec<[Corner; 3]>,
     /// Loops that were filled.
     pub loops: usize,
-    /// Edges of more than two faces, or of two that are wound against each other, and open ones in no loop: with
-    /// any, the part is no solid.
+    /// Edges of more than two faces, or of two that are wound against each other, open ones in no loop, and faces with
+    /// a corner that has no position: with any, the part is no solid.
     pub flaws: u64,
+}
+
+/// The edges of triangles of which both ends lie where parts meet. A cap must not double them on either side of a cut.
+pub(super) struct EdgesAtCuts {
+    /// Ascending, each with its lesser end first.
+    edges: Vec<[u32; 2]>,
+    _grant: Grant,
+}
+
+impl EdgesAtCuts {
+    /// Those of `mesh`, whose faces have `labels`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
+    pub fn of(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Self> {
+        /// Faces of several parts meet there.
+        const SEVERAL: u32 = u32::MAX;
+        let bytes = 4 * mesh.positions.len() as u64;
+        let grant = run.budget.take("where parts meet", bytes, bytes)?;
+        // One more than the part of each vertex; 0 where it has no face.
+        let mut parts = vec![0u32; mesh.positions.len()];
+        let chunks = || (0..labels.len()).step_by(CHUNK).map(|start| start..labels.len().min(start + CHUNK));
+        for faces in chunks() {
+            run.cancel.check()?;
+            mesh.faces.for_each(faces, |face, corners| {
+                let own = labels[face].saturating_add(1);
+                for part in corners.iter().map(|&v| v as usize) {
+                    let part = &mut parts[part];
+                    *part = if *part == 0 || *part == own { own } else { SEVERAL };
+                }
+            });
+        }
+        let mut edges = Vec::new();
+        for faces in chunks() {
+            run.cancel.check()?;
+            mesh.faces.for_each(faces, |_, corners| {
+                if corners.iter().filter(|&&v| parts[v as usize] == SEVERAL).count() > 1 {
+                    mesh.triangles(corners, |[a, b, c], _| {
+                        let sides = [[a, b], [b, c], [c, a]];
+                        let meet = |side: &[u32; 2]| side.iter().all(|&v| parts[v as usize] == SEVERAL);
+                        edges.extend(sides.into_iter().filter(meet).map(ends));
+                    });
+                }
+            });
+        }
+        drop((parts, grant));
+        edges.sort_unstable();
+        edges.dedup();
+        let bytes = 8 * edges.len() as u64;
+        Ok(Self { edges, _grant: run.budget.take("edges where parts meet", bytes, bytes)? })
+    }
 }
 
 /// The ends of an edge, the lesser first.
@@ -123,28 +179,39 @@ fn clipped(ring: &[u32], at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<V
 }
 
 impl Caps {
-    /// Closes the part whose faces `visit` shows.
+    /// Closes the part whose faces `visit` shows, of a mesh that has the edges `at_cuts`.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`]; those of `visit`.
     pub fn of(
         mesh: &Mesh,
+        at_cuts: &EdgesAtCuts,
         corners: u64,
         run: &Run,
         visit: impl FnOnce(&mut dyn FnMut(&[u32])) -> Result<()>,
     ) -> Result<Self> {
-        let _grant = run.budget.take("edges of a part", 16 * corners, 16 * corners)?;
+        let _grant = run.budget.take("edges of a part", 24 * corners, 24 * corners)?;
         let mut edges: Vec<[u32; 2]> = Vec::with_capacity(corners as usize);
+        let (mut diagonals, mut nowhere) = (Vec::new(), 0);
         visit(&mut |face| {
             let turned = face.iter().cycle().skip(1);
             edges.extend(face.iter().zip(turned).map(|(&a, &b)| [a, b]).filter(|[a, b]| a != b));
+            nowhere += u64::from(!face.iter().all(|&v| finite(mesh.positions.get(v))));
+            if face.len() > 3 {
+                diagonals.extend(diagonals_of(face, mesh));
+            }
         })?;
+        diagonals.sort_unstable();
         let (mut open, flaws) = without_partner(&mut edges);
         let (welded, open, more) = weld(mesh, &mut open);
         let (all, left) = loops(open);
-        let mut caps = Caps { flaws: flaws + more + left, ..Caps::default() };
+        let mut caps = Caps { flaws: flaws + more + left + nowhere, ..Caps::default() };
         let (mut clipper, mut chords) = (Earcut::new(), BTreeSet::new());
-        let known = |edge: [u32; 2]| edges.binary_search_by_key(&edge, |&edge| ends(edge)).is_ok();
+        let known = |edge: [u32; 2]| {
+            edges.binary_search_by_key(&edge, |&edge| ends(edge)).is_ok()
+                || diagonals.binary_search(&edge).is_ok()
+                || at_cuts.edges.binary_search(&edge).is_ok()
+        };
         for ring in all {
             run.cancel.check()?;
             let (ring, turned) = canonical(ring);
@@ -176,6 +243,21 @@ impl Caps {
             Corner::Centre(k) => self.centres[k as usize],
         }
     }
+}
+
+/// The edges within a polygon that its triangles have.
+fn diagonals_of(face: &[u32], mesh: &Mesh) -> Vec<[u32; 2]> {
+    let at: Vec<[f64; 3]> = face.iter().map(|&v| mesh.positions.get(v)).collect();
+    let (n, mut all) = (face.len(), Vec::with_capacity(face.len()));
+    polygon::triangles(&at, |[a, b, c]| {
+        for [i, j] in [[a, b], [b, c], [c, a]] {
+            // Of either direction once.
+            if i < j && i + 1 < j && (i, j) != (0, n - 1) {
+                all.push(ends([face[i], face[j]]));
+            }
+        }
+    });
+    all
 }
 
 /// The edges of `triangles` that the loop does not have.
@@ -221,7 +303,9 @@ mod tests {
             faces.iter().for_each(|face| see(face));
             Ok(())
         };
-        let caps = Caps::of(&mesh, faces.iter().map(|f| f.len() as u64).sum(), &Run::new(&()), visit).unwrap();
+        let run = Run::new(&());
+        let whole = EdgesAtCuts::of(&mesh, &vec![0; faces.len()], &run).unwrap();
+        let caps = Caps::of(&mesh, &whole, faces.iter().map(|f| f.len() as u64).sum(), &run, visit).unwrap();
         (mesh, caps)
     }
 

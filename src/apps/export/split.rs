@@ -7,7 +7,7 @@
 //! the quality 0. The list `parts.json`, written last, names the files. One bit per vertex and a count every [`BLOCK`]
 //! of them tell which vertices a part uses and their new numbers; one pass per part over the labels.
 
-use super::caps::{Caps, Corner};
+use super::caps::{Caps, Corner, EdgesAtCuts};
 use super::{CHUNK, parts};
 use crate::base::vector::{distance, dot, double_area, narrow, unit, wide};
 use crate::base::{Error, Result};
@@ -108,6 +108,7 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
     let (mut listed, mut open, mut files) = (Vec::new(), Vec::new(), BTreeSet::new());
     let rounds = form == PartForm::Stl && mesh.positions.is_double();
     let mut facets = Facets::default();
+    let at_cuts = if cap { Some(EdgesAtCuts::of(mesh, labelling.labels, run)?) } else { None };
     for part in 0..parts {
         let name = file_name(part, labelling.name(part), form);
         let size = writer.mark(part as u32)?;
@@ -116,7 +117,8 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
         }
         let path = folder.join(&name);
         let mut own = Facets::default();
-        let caps = if cap { writer.caps(part as u32, size.corners)? } else { Caps::default() };
+        let caps =
+            at_cuts.as_ref().map_or(Ok(Caps::default()), |edges| writer.caps(part as u32, edges, size.corners))?;
         publish(&path, 0, |file| {
             let mut out = Gather::new(&path, file);
             if form == PartForm::Stl {
@@ -242,8 +244,8 @@ impl Splitter<'_> {
     }
 
     /// What closes `part`, whose faces have so many corners in all.
-    fn caps(&self, part: u32, corners: u64) -> Result<Caps> {
-        Caps::of(self.mesh, corners, self.run, |see| {
+    fn caps(&self, part: u32, at_cuts: &EdgesAtCuts, corners: u64) -> Result<Caps> {
+        Caps::of(self.mesh, at_cuts, corners, self.run, |see| {
             self.each(part, |_, face| {
                 see(face);
                 Ok(())
