@@ -31,6 +31,11 @@ impl Tally {
                 self.labels[k] = label;
                 self.counts[k] = self.counts[k].saturating_add(1);
             }
+            // Four labels once each: one of them it has to be.
+            None if self.counts == [1; KINDS] => {
+                let least = self.labels.into_iter().fold(label, u32::min);
+                (self.labels[0], self.counts) = (least, [1, 0, 0]);
+            }
             // A label too many takes one off each, so that what most faces have stays.
             None => self.counts.iter_mut().for_each(|count| *count -= 1),
         }
@@ -102,6 +107,19 @@ impl<'a> VertexLabels<'a> {
 mod tests {
     use super::*;
     use crate::store::Budget;
+
+    /// Four labels once each took each other off, and the vertex had none.
+    #[test]
+    fn a_vertex_of_faces_has_a_label() {
+        for n in 1..9u32 {
+            let mut tally = Tally::default();
+            (0..n).for_each(|k| tally.add(3 * k % n));
+            assert!(tally.most().is_some(), "{n}");
+        }
+        let mut tally = Tally::default();
+        [9, 5, 7, 6].into_iter().for_each(|label| tally.add(label));
+        assert_eq!(tally.most(), Some(5));
+    }
 
     #[test]
     fn the_most_frequent_label_wins_whatever_the_blocks() {

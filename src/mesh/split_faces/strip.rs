@@ -330,10 +330,11 @@ impl Strip {
         &self.corners[self.range(f)]
     }
 
-    /// The vertices of face `f` if it is a triangle of three different ones.
+    /// The vertices of face `f` if it is a triangle of three different ones that have a position.
     pub fn triangle(&self, f: u32) -> Option<[u32; 3]> {
         let [a, b, c] = *self.face(f).first_chunk::<3>().filter(|_| self.range(f).len() == 3)?;
-        (a != b && b != c && c != a).then_some([a, b, c])
+        let sound = a != b && b != c && c != a && [a, b, c].iter().all(|&v| finite(self.at[v as usize]));
+        sound.then_some([a, b, c])
     }
 
     /// The number of faces.
