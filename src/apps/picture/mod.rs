@@ -16,7 +16,6 @@ mod viewpoint;
 
 pub use sheet::{PictureParams, Up};
 
-use super::colours::linear;
 use crate::base::{Error, Result};
 use crate::graph;
 use crate::mesh::Mesh;
@@ -97,14 +96,12 @@ pub fn render_named(
     let bytes = sheet.bytes(params.samples) + if smooth { 12 * mesh.positions.len() as u64 } else { 0 };
     let _grant = run.budget.take("the picture", bytes, bytes)?;
     let vertex_normals = if smooth { Some(VertexNormals::of(mesh, run)?) } else { None };
-    let tints: Vec<[f32; 3]> = match labels {
-        Some(_) => colours.iter().map(|colour| colour.map(linear)).collect(),
-        None => vec![CLAY.map(linear)],
-    };
+    // Labels may be numbered into the billions: nothing more is held of each.
+    let tints = if labels.is_some() { colours } else { &[CLAY] };
     let white = if params.transparent { [255, 255, 255, 0] } else { [255; 4] };
     let mut image = Image::filled(params.width, params.height, white);
     for (view, (frame, extent)) in frames.iter().zip(&extents).enumerate() {
-        let scene = sheet::Scene { mesh, labels, vertex_normals: vertex_normals.as_ref(), tints: &tints };
+        let scene = sheet::Scene { mesh, labels, vertex_normals: vertex_normals.as_ref(), tints };
         let pixels = sheet.view(&scene, frame, extent, params, run)?;
         let (x, y) = sheet.place(view);
         image.lay(x, y, sheet.cell.0, &pixels);
@@ -134,7 +131,7 @@ fn in_common_size(mesh: &Mesh, run: &Run) -> Result<(Mesh, Option<Grant>)> {
     if !mesh.positions.is_double() {
         return Ok((mesh.clone(), None));
     }
-    let frame = graph::Frame::of(&mesh.positions, run)?;
+    let frame = graph::Frame::of(mesh, run)?;
     if frame.is_of_common_size() {
         return Ok((mesh.clone(), None));
     }

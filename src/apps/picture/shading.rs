@@ -6,7 +6,6 @@
 use super::camera::{Camera, Vec3};
 use super::raster::{Canvas, Hit, triangles_of};
 use super::vertex_normals::VertexNormals;
-use crate::apps::colours::linear;
 use crate::base::Result;
 use crate::base::vector::{add_scaled, double_area, unit};
 use crate::mesh::Mesh;
@@ -346,8 +345,10 @@ pub(super) struct View<'a> {
     pub openness: &'a [f32],
     /// Samples per side of a pixel.
     pub factor: usize,
-    /// By label, in linear light.
-    pub colours: &'a [[f32; 3]],
+    /// By label.
+    pub colours: &'a [[u8; 3]],
+    /// The linear light of each part of a colour.
+    pub light_of: [f32; 256],
     pub lines: Option<&'a Lines>,
     /// Whether there are labels.
     pub parts: bool,
@@ -381,7 +382,8 @@ impl View<'_> {
             let (i, j) = (x * self.factor + sample % self.factor, y * self.factor + sample / self.factor);
             let cell = j * self.canvas.width + i;
             let Some(hit) = self.canvas.get(cell) else { continue };
-            let colour = self.colours.get(hit.item as usize).copied().unwrap_or_else(|| GREY.map(linear));
+            let colour =
+                self.colours.get(hit.item as usize).unwrap_or(&GREY).map(|part| self.light_of[usize::from(part)]);
             let line = self.lines.map_or(1.0, |lines| lines.light(self.canvas, i, j, hit, self.parts));
             let lit = light(colour, unpack(self.normals[cell]), open);
             (0..3).for_each(|k| sum[k] += lit[k] * line);

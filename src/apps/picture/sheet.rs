@@ -146,7 +146,7 @@ pub(super) struct Scene<'a> {
     pub mesh: &'a Mesh,
     pub labels: Option<&'a [u32]>,
     pub vertex_normals: Option<&'a VertexNormals>,
-    pub tints: &'a [[f32; 3]],
+    pub tints: &'a [[u8; 3]],
 }
 
 impl Sheet {
@@ -201,6 +201,7 @@ impl Sheet {
             openness: &openness,
             factor,
             colours: scene.tints,
+            light_of: std::array::from_fn(|part| linear(part as u8)),
             lines: params.lines.then_some(&lines),
             parts: scene.labels.is_some(),
         };
