@@ -18,7 +18,8 @@ const BESIDE_OUTPUT: &str = "that of the output";
 pub fn parsed() -> Command {
     Cli::command().mut_subcommands(|subcommand| {
         let name = subcommand.get_name().to_string();
-        subcommand.mut_args(|arg| adapted(&name, arg))
+        // The version is the program's.
+        subcommand.display_name("nystrom-stream").mut_args(|arg| adapted(&name, arg))
     })
 }
 

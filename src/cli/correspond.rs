@@ -51,7 +51,7 @@ pub struct CorrespondArgs {
     /// Copy properties of the vertices or faces of B to A, such as label,quality; written to --carried
     #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "carried")]
     pub carry: Vec<String>,
-    /// PLY file for A with the copied properties
+    /// PLY file for the shape of A with the copied properties; A's own are left out
     #[arg(long, value_name = "FILE", requires = "carry")]
     pub carried: Option<PathBuf>,
     /// Matches as points inside triangles of B, .npy (records of three corners and their weights)
@@ -95,7 +95,7 @@ pub enum ColourArg {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Method")]
 pub struct MethodArgs {
-    /// Number of landmarks on each mesh [default: 50, or 20 beyond 300,000 vertices]
+    /// Number of landmarks on each mesh, 2 to 4096 [default: 50, or 20 beyond 300,000 vertices]
     #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(2..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen
@@ -170,6 +170,12 @@ impl CorrespondArgs {
         }
         if self.outputs().next().is_none() && self.json.json.is_none() {
             return Err(CliError::Usage("nothing to write; give -o matches.npy or another output".into()));
+        }
+        let named =
+            |k: usize| self.carry[..k].contains(&self.carry[k]) || ["x", "y", "z"].contains(&&self.carry[k][..]);
+        if let Some(k) = (0..self.carry.len()).find(|&k| named(k)) {
+            let text = format!("--carry {}: the carried file would have it twice; leave one out", self.carry[k]);
+            return Err(CliError::Usage(text));
         }
         let inputs = [&self.a, &self.b].into_iter().chain(&self.landmarks_file).chain(&self.initial_map);
         check_places(inputs, self.work_dir.as_deref(), self.outputs().chain(&self.json.json))?;

@@ -53,7 +53,7 @@ impl Like {
     /// Reads the labelled mesh at `path`.
     pub fn read(path: &Path, work: WorkDir, run: &Run) -> Result<Self, CliError> {
         let mesh = mesh::open(path, work.path(), run)?;
-        let remedy = "give a mesh that `segment` or `cluster` has written";
+        let remedy = "give a mesh that nystrom-stream segment has written, or edits with `edits`";
         let found = LabelledFaces::of_mesh(&mesh, Context::new(&work, run))?;
         let mut found = found.ok_or_else(|| Error::unusable(path, "has no face property `label`", remedy))?;
         let labels = found.labels.clone();

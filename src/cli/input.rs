@@ -111,7 +111,9 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
         } else if !word.exists() && text.contains(['*', '?', '[']) {
             many = true;
             let wrong = |problem: String| CliError::Usage(format!("{text}: {problem}"));
-            let paths = glob::glob(&text).map_err(|error| wrong(format!("not a pattern: {error}")))?;
+            // As in a shell.
+            let options = glob::MatchOptions { require_literal_leading_dot: true, ..glob::MatchOptions::new() };
+            let paths = glob::glob_with(&text, options).map_err(|error| wrong(format!("not a pattern: {error}")))?;
             let found: Vec<PathBuf> = paths.flatten().filter(|path| !is_result(path)).collect();
             if found.is_empty() {
                 return Err(Error::unusable(word, "matches no file", "check the pattern").into());

@@ -112,14 +112,16 @@ impl PlyArgs {
         if self.split_faces && !outputs.iter().any(is_file) {
             return Err(CliError::Usage("--split-faces goes with a .ply output; other outputs keep the faces".into()));
         }
-        let is_ply = |output: &Output| matches!(output.form, Form::Ply | Form::Folder);
-        let split = (self.split_vertices, "--split-vertices");
-        let given = [(self.vertex_labels, "--vertex-labels"), split, (self.ply_form != PlyForm::Same, "--ply-form")];
-        match given.into_iter().find(|(given, _)| *given) {
-            Some((_, option)) if !outputs.iter().any(is_ply) => {
-                Err(CliError::Usage(format!("{option} goes with a .ply output")))
-            }
-            _ => Ok(()),
+        let is_ply = |output: &Output| is_file(output) || output.form == Form::Folder;
+        let (file, any) = (outputs.iter().any(is_file), outputs.iter().any(is_ply));
+        let given = [
+            (self.vertex_labels && !file, "--vertex-labels"),
+            (self.split_vertices && !file, "--split-vertices"),
+            (self.ply_form != PlyForm::Same && !any, "--ply-form"),
+        ];
+        match given.into_iter().find(|(idle, _)| *idle) {
+            Some((_, option)) => Err(CliError::Usage(format!("{option} goes with a .ply output"))),
+            None => Ok(()),
         }
     }
 }
@@ -153,7 +155,9 @@ impl FormArgs {
         let folder = outputs.iter().any(|output| output.form == Form::Folder);
         let table = outputs.iter().any(|output| output.form == Form::Parquet);
         let (a_folder, a_table) = ("a folder of parts, as in -o parts/", "a .parquet output");
+        let solids = self.part_form == PartFile::Stl && !outputs.iter().any(|output| output.form == Form::Ply);
         let rules = [
+            (self.ply.ply_form != PlyForm::Same && solids, "--ply-form", "a .ply output, or parts that are .ply files"),
             (self.part_form != PartFile::Ply && !folder, "--part-form", a_folder),
             (self.cap && !folder, "--cap", a_folder),
             (self.embedding_columns && !table, "--embedding-columns", a_table),

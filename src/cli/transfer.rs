@@ -1,5 +1,6 @@
 //! `transfer-labels`: labels carried over to another mesh of the same shape.
 
+use super::errors::of_file;
 use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, ResourceArgs, ScratchArgs, ShownArgs};
 use super::output::{JsonArgs, Output, PlyArgs, check_folders, outputs_of, scratch_folder};
@@ -77,6 +78,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let (labels, quality) = (&result.labels[..], Some(&result.quality[..]));
     let labelling = Labelling { labels, colours: &colours, quality, names: &found.names };
     let results = Results { report: report.clone(), ..Results::new(labelling, args.ply.into()) };
-    results.write(&outputs, Some(&to), &run)?;
+    let of = args.labels.as_ref().unwrap_or(&args.from);
+    results.write(&outputs, Some(&to), &run).map_err(|error| of_file(error, "labels", Some(of)))?;
     Ok(args.json.publish_with(report, bars.told())?)
 }

@@ -40,8 +40,8 @@ pub struct LocalRows {
 }
 
 impl LocalRows {
-    /// The distances below `limit` from `samples` on `surface`, in files of `context` that begin with `name`. Progress is
-    /// reported as stage `basis`, in rows.
+    /// The distances below `limit` from `samples` on `surface`, in files of `context` that begin with `name`. Progress
+    /// is reported as stage `basis`, in rows.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].

@@ -87,8 +87,8 @@ pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
     open_bytes(path, MappedBytes::open(path)?, true, scratch, run)
 }
 
-/// Opens a mesh file that comes as a stream, which is spooled to the file `to` first; what has to be decoded lies beside
-/// it. `name` stands for the path in messages.
+/// Opens a mesh file that comes as a stream, which is spooled to the file `to` first; what has to be decoded lies
+/// beside it. `name` stands for the path in messages.
 ///
 /// # Errors
 /// As [`open`].

@@ -52,8 +52,9 @@ pub(super) fn contraction_and_shares(
     let (inner, small) = contraction(whole, context)?;
     if !inner.is_temporary() && shard::any(&inner)? {
         match shard::merge(Context::new(&inner, context.run)) {
-            Err(error @ Error::WorkDir { .. }) => {
-                context.run.progress.note_of_work(&format!("{error}; computed without them"))
+            Err(Error::WorkDir { path, problem, .. }) => {
+                let text = format!("{}: {problem}: rows are computed without the shards", path.display());
+                context.run.progress.note_of_work(&text)
             }
             merged => drop(merged?),
         }

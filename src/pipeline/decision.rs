@@ -304,10 +304,14 @@ pub fn read_tree(path: &Path) -> Result<PartTree> {
 
 /// The hierarchy that `text`, the content of `path`, tells.
 fn checked(text: &[u8], path: &Path) -> Result<PartTree> {
-    let wrong = |problem: String| Error::malformed(path, "tree", problem, "make it again with `cluster` or `export`");
+    let wrong = |problem: String| {
+        Error::malformed(path, "tree", problem, "make it again: nystrom-stream export --work-dir … --tree FILE")
+    };
     let tree: PartTree = serde_json::from_slice(text).map_err(|error| wrong(error.to_string()))?;
-    tree.check().map_err(|error| wrong(error.to_string()))?;
-    Ok(tree)
+    match tree.check() {
+        Err(Error::Parameter { problem, .. }) => Err(wrong(problem)),
+        checked => checked.map(|()| tree),
+    }
 }
 
 /// Writes a hierarchy of parts as JSON, by rename.

@@ -86,8 +86,8 @@ const VALUES: &str = "carried.tmp";
 /// Carries the labels of `reference` to `mesh`. Arrays lie in the folder of `context`, or in a temporary one within.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the reference; [`Error::Memory`] where its parts are numbered so high
-/// that there is no room for as many; those of [`transfer`] and [`correspond`].
+/// [`Error::Parameter`] for labels that do not fit the reference; [`Error::Memory`] where its parts are numbered so
+/// high that there is no room for as many; those of [`transfer`] and [`correspond`].
 pub fn carry(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Result<Carried> {
     let parts = BYTES_PER_PART * reference.parts() as u64;
     context.run.budget.take("parts with all numbers up to the reference's greatest label", parts, parts)?;

@@ -16,8 +16,8 @@ enum Pair {
     Points([[f64; 3]; 2]),
 }
 
-/// Reads pairs (vertex of `a`, vertex of `b`); a point stands for the vertex of a triangle that is nearest to it. Commas
-/// count as blanks; what follows a # is skipped.
+/// Reads pairs (vertex of `a`, vertex of `b`); a point stands for the vertex of a triangle that is nearest to it.
+/// Commas count as blanks; what follows a # is skipped.
 ///
 /// # Errors
 /// [`Error::Malformed`] naming the line, [`Error::Unusable`] for a file without pairs, [`Error::Io`],

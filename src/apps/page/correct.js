@@ -139,8 +139,14 @@
   }
   const stem = () => data.title.replace(/\.[^.]*$/, '');
   const quoted = (word) => (/^[\w./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
+  // Options that the same cells and parts come from.
+  function options() {
+    const all = report.options || {};
+    return (all.seed ? ` --seed ${all.seed}` : '') + (all.exact ? ' --exact' : '') + (all.landmarks ? ` -l ${all.landmarks}` : '');
+  }
   function command() {
-    const all = from(), start = `nystrom-stream segment ${quoted(data.title)}`;
+    const mesh = data.title.startsWith('<') ? 'MESH' : quoted(data.title);
+    const all = from(), start = `nystrom-stream segment ${mesh}${options()}`;
     if (edits.length || earlier) return `${start} --edits edits.json${protectedAt() === number ? '' : ` -k ${number}`} -o ${quoted(stem() + '.corrected.ply')}`;
     return start + (all.parts ? ` -k ${all.parts}` : all.detail ? ` --detail ${all.detail}` : '');
   }

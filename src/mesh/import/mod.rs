@@ -34,8 +34,11 @@ const OBJ: [&[u8]; 11] = [b"v", b"vn", b"vt", b"f", b"o", b"g", b"s", b"mtllib",
 const LOOK: usize = 64;
 
 /// How files of other formats begin.
-const FOREIGN: [(&[u8], &str); 12] = [
+const FOREIGN: [(&[u8], &str); 15] = [
     (b"glTF", "glTF"),
+    (b"BZh", "bzip2 (gzip is decompressed)"),
+    (b"\xfd7zXZ\0", "xz (gzip is decompressed)"),
+    (b"\x28\xb5\x2f\xfd", "zstd (gzip is decompressed)"),
     (b"PK\x03\x04", "zip (3MF, USDZ or an archive)"),
     (b"Kaydara FBX", "FBX"),
     (b"BLENDER", "Blender"),
