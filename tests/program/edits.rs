@@ -263,7 +263,7 @@ fn edits_apply_to_another_resolution_and_to_other_units() {
     let large: Vec<[f64; 3]> = corners.iter().map(|p| p.map(|x| 1000. * x)).collect();
     let faces: Vec<Vec<u32>> = (0..mesh.faces.len()).map(|face| mesh.faces.with(face, <[u32]>::to_vec)).collect();
     let path = scene.dir.path().join("millimetres.ply");
-    let labelling = nystrom_stream::Labelling { labels: &scene.before, colours: &[], quality: None, names: &[] };
+    let labelling = Labelling { labels: &scene.before, colours: &[], quality: None, names: &[] };
     Mesh::from_slices(&large, &faces).unwrap().save(&path, labelling).unwrap();
     segment(&path, &["-q", "--edits", word(&file), "-o", word(&merged)]);
     assert_eq!(parts(&read_seg(&merged).unwrap()), 8);
@@ -444,8 +444,7 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
         })
         .collect();
     let faces: Vec<Vec<u32>> = (0..mesh.faces.len()).map(|face| mesh.faces.with(face, <[u32]>::to_vec)).collect();
-    let labelling =
-        nystrom_stream::Labelling { labels: &vec![0; faces.len()], colours: &[], quality: None, names: &[] };
+    let labelling = Labelling { labels: &vec![0; faces.len()], colours: &[], quality: None, names: &[] };
     Mesh::from_slices(&turned, &faces).unwrap().save(path("scans/moved.ply"), labelling).unwrap();
     let (out, report) = (path("{}.like.ply"), format!("--json={}", path("all.json").display()));
     let (scans, reference_mesh) = (path("scans"), path("reference.ply"));
@@ -471,7 +470,7 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     }
     // On the moved mesh all parts are found; the creature is symmetric, so left and right may be exchanged.
     let moved = Mesh::open(path("moved.like.ply")).unwrap();
-    let labels = moved.face_property("label", &nystrom_stream::store::Run::new(&())).unwrap();
+    let labels = moved.face_property("label", &Run::new(&())).unwrap();
     assert!(agreement(&labels, &scene.before) > 0.9, "{}", agreement(&labels, &scene.before));
     if far["like"]["look"] == true {
         assert!(errors(&output).contains("look at") && errors(&output).contains("moved.ply"), "{}", errors(&output));
