@@ -266,7 +266,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
         None => {
             // Where there is none, this says why.
             let record = Record::read(&WorkDir::open_existing(folder)?)?;
-            if spooled {
+            if spooled || !record.mesh.exists() {
                 (there(None, &record, folder)?, record.identity)
             } else {
                 (record.mesh.clone(), input::recorded_or_content(&record.mesh, Some(&record))?)
@@ -335,9 +335,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
     let (params, edits) = args.params(&record)?;
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
-    if args.mesh.is_some() {
-        there(args.mesh.as_deref(), &record, work.path())?;
-    }
+    check_mesh(args.mesh.as_deref(), &record, work.path())?;
     let context = Context::new(&work, &run);
     let needs_mesh = edits.is_some() || args.edits.hints.is_some();
     let opened = needs_mesh.then(|| open_mesh(args.mesh.as_deref(), &record, None, &work, context)).transpose()?;
@@ -411,9 +409,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     let inputs = inputs.chain([&record.mesh]);
     check_places(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.tree))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.tree))?;
-    if args.mesh.is_some() {
-        there(args.mesh.as_deref(), &record, work.path())?;
-    }
+    check_mesh(args.mesh.as_deref(), &record, work.path())?;
     // The record's where nothing was cut yet.
     let params = labels::method(&work).unwrap_or_else(|| record.params.clone());
     if let Some(path) = &args.tree {
@@ -473,11 +469,20 @@ fn open_mesh(
     Ok(opened)
 }
 
+/// Refuses a mesh that is named, or that lies where `record` has it, and is another by now, though labels alone do
+/// without it.
+fn check_mesh(named: Option<&Path>, record: &Record, folder: &Path) -> Result<(), Error> {
+    if named.is_some() || !record.is_spooled() && record.mesh.exists() {
+        there(named, record, folder)?;
+    }
+    Ok(())
+}
+
 /// Where the mesh of the work directory in `folder` lies: at `moved` if that is given, else where `record` has it.
 fn there(moved: Option<&Path>, record: &Record, folder: &Path) -> Result<PathBuf, Error> {
     let path = moved.map_or_else(|| record.path(folder), Path::to_path_buf);
     if moved.is_none() && !path.exists() {
-        let remedy = format!("give its new path, as in: nystrom-stream export MESH --work-dir {}", folder.display());
+        let remedy = format!("give its new path before --work-dir {}", folder.display());
         return Err(Error::unusable(path, "is no longer where the work directory knows it", remedy));
     }
     if !record.is_of(&path)? {

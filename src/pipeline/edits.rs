@@ -72,6 +72,28 @@ impl Corrections<'_> {
             .ok_or_else(|| Error::parameter("edits", "are not on this mesh", "place them on it"))
     }
 
+    /// Tells which hints and cuts have two places, at `nodes`, in one part all the same: boundaries are refined after parts
+    /// were found on cells, and `labels` (n) are what came of it. Where other edits may have joined them, nothing is told.
+    pub(super) fn tell_unmet(&self, nodes: &[Vec<u32>], labels: &[u32], run: &Run) {
+        let Some(edits) = self.edits() else { return };
+        let joins = |edit: &Edit| matches!(edit, Edit::Merge { .. } | Edit::Drop { .. });
+        let last = edits.edits.iter().rposition(joins);
+        for (number, (edit, nodes)) in edits.edits.iter().zip(nodes).enumerate() {
+            let holds = match edit {
+                // Hints come before all other edits.
+                Edit::Apart { .. } => last.is_none(),
+                Edit::Cut { .. } => last.is_none_or(|last| last < number),
+                _ => false,
+            };
+            let mut parts: Vec<u32> = nodes.iter().map(|&node| labels[node as usize]).collect();
+            parts.sort_unstable();
+            if holds && parts.windows(2).any(|two| two[0] == two[1]) {
+                let problem = "two of its places are in one part once boundaries are refined";
+                run.progress.note(&edits.wrong(number, problem, "move them farther into the parts").to_string());
+            }
+        }
+    }
+
     /// The painted value of each cell (S), 0 for none: that of most of its painted faces. `cell` is the cell of a node.
     fn painted_cells(&self, order: &NodeOrder, cells: usize, cell: &dyn Fn(u32) -> u32) -> Result<Vec<u32>> {
         let Some(painted) = self.painted else { return Ok(Vec::new()) };
