@@ -18,8 +18,7 @@ const BESIDE_OUTPUT: &str = "that of the output";
 pub fn parsed() -> Command {
     Cli::command().mut_subcommands(|subcommand| {
         let name = subcommand.get_name().to_string();
-        // The version is the program's.
-        subcommand.display_name("nystrom-stream").mut_args(|arg| adapted(&name, arg))
+        subcommand.mut_args(|arg| adapted(&name, arg))
     })
 }
 

@@ -53,12 +53,13 @@ const FLAGS: [(&str, &str); 43] = [
 ];
 
 /// Stages that the library finds missing in a work directory, and what makes them.
-const STAGES: [(&str, &str); 5] = [
+const STAGES: [(&str, &str); 6] = [
     ("embedding", "nystrom-stream embed --work-dir …"),
     ("graph", "nystrom-stream graph MESH --work-dir …"),
     ("labels", "nystrom-stream cluster --work-dir …"),
     ("record", "nystrom-stream segment MESH --work-dir …"),
     ("rows", "nystrom-stream rows --work-dir …"),
+    ("tree", "nystrom-stream export --work-dir … --tree FILE"),
 ];
 
 /// The message of `error`, with flags for the library's options.

@@ -134,9 +134,9 @@ pub struct OrderArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Distances")]
 pub struct DistanceArgs {
-    /// Number of landmarks, up to 4096 [default: 120, above 300,000 faces 240; with --exact above 60,000 faces 60 to 20 by size;
-    /// with kmeans and two-means twice the parts, 10 to 60, above 60,000 faces 60 without --exact, and more than parts
-    /// up to 512]
+    /// Number of landmarks, up to 4096 [default: 120, above 300,000 faces 240; with --exact above 60,000 faces 60 to 20
+    /// by size; with kmeans and two-means twice the parts, 10 to 60, above 60,000 faces 60 without --exact, and more
+    /// than parts up to 512]
     #[arg(short = 'l', long, hide_short_help = true, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen [default: farthest; distance-weighted above 60,000 faces, but not

@@ -304,9 +304,7 @@ pub fn read_tree(path: &Path) -> Result<PartTree> {
 
 /// The hierarchy that `text`, the content of `path`, tells.
 fn checked(text: &[u8], path: &Path) -> Result<PartTree> {
-    let wrong = |problem: String| {
-        Error::malformed(path, "tree", problem, "make it again: nystrom-stream export --work-dir … --tree FILE")
-    };
+    let wrong = |problem: String| Error::malformed(path, "tree", problem, "make it again: stage `tree`");
     let tree: PartTree = serde_json::from_slice(text).map_err(|error| wrong(error.to_string()))?;
     match tree.check() {
         Err(Error::Parameter { problem, .. }) => Err(wrong(problem)),

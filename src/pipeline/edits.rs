@@ -72,8 +72,9 @@ impl Corrections<'_> {
             .ok_or_else(|| Error::parameter("edits", "are not on this mesh", "place them on it"))
     }
 
-    /// Tells which hints and cuts have two places, at `nodes`, in one part all the same: boundaries are refined after parts
-    /// were found on cells, and `labels` (n) are what came of it. Where other edits may have joined them, nothing is told.
+    /// Tells which hints and cuts have two places, at `nodes`, in one part all the same: boundaries are refined after
+    /// parts were found on cells, and `labels` (n) are what came of it. Where other edits may have joined them, nothing
+    /// is told.
     pub(super) fn tell_unmet(&self, nodes: &[Vec<u32>], labels: &[u32], run: &Run) {
         let Some(edits) = self.edits() else { return };
         let joins = |edit: &Edit| matches!(edit, Edit::Merge { .. } | Edit::Drop { .. });

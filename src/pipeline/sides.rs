@@ -302,7 +302,7 @@ impl Guidance {
             return Err(Error::parameter("pairs", problem, "count vertices from 0"));
         }
         if params.partial && params.refine == Refine::None {
-            let problem = "parts are matched by refinement";
+            let problem = "`partial` needs refinement";
             return Err(Error::parameter("refine", problem, "leave it at its default"));
         }
         let given = !self.pairs.is_empty() || self.map.is_some() || params.alternative > 0;

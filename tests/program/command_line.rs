@@ -373,7 +373,9 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
     }
     // Nor by what a command tells: it took the place of the manifest.
     let report = format!("--json={}", work.join("manifest.json").display());
-    for command in [&["graph", word(&mesh)][..], &["rows"], &["share", "normals"], &["merge"], &["info"], &["verify"]] {
+    for command in
+        [&["graph", word(&mesh)][..], &["rows"], &["share", "normals", "--prepare"], &["merge"], &["info"], &["verify"]]
+    {
         let output = run(&[command, &["--work-dir", word(&work), &report]].concat());
         assert!(errors(&output).contains("lies in the work directory"), "{command:?}: {}", errors(&output));
         assert_eq!(output.status.code(), Some(2), "{command:?}");

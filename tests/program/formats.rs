@@ -376,7 +376,9 @@ fn capped_parts_are_solids_whose_volumes_add_up() {
     for form in ["ply", "stl"] {
         let folder = dir.path().join(format!("{form}/"));
         let out = format!("{}/", folder.display());
-        common::segment(&mesh, &["-q", "-k", "7", "--cap", "--part-form", form, "--ply-form", "ascii", "-o", &out]);
+        let ascii: &[&str] = if form == "ply" { &["--ply-form", "ascii"] } else { &[] };
+        let words = ["-q", "-k", "7", "--cap", "--part-form", form, "-o", &out];
+        common::segment(&mesh, &[&words[..], ascii].concat());
         let listed = std::fs::read(folder.join("parts.json")).unwrap();
         let listed: serde_json::Value = serde_json::from_slice(&listed).unwrap();
         let parts = listed["parts"].as_array().unwrap();
