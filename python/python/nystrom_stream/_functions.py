@@ -281,11 +281,10 @@ def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Opti
     parts = 0 if labels is None else int((labels[labels != MOST] + 1).max(initial=0))
     colours = as_colours(np.zeros((0, 3), np.uint8) if colours is None else colours, parts)
     width, height = pair("size", size)
-    flags = [flag(name, value) for name, value in {"transparent": transparent, "legend": legend, "lines": lines}.items()]
     if up is not None:
         _choose("up", up, Axis)
-    return _native.picture(mesh, labels, colours, width, height, whole("views", views, 1), *flags, up, real("turn", turn),
-                           real("tilt", tilt))
+    return _native.picture(mesh, labels, colours, width, height, whole("views", views, 1), flag("transparent", transparent),
+                           flag("legend", legend), flag("lines", lines), up, real("turn", turn), real("tilt", tilt))
 
 
 def sequence(mesh: MeshLike, faces: Any = None, *, order: StreamOrder = "spectral", smooth: int = 0, landmarks: Optional[int] = None,

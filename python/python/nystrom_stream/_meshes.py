@@ -83,7 +83,7 @@ def unmasked(name: str, values: Any, instead: Optional[int] = None) -> Any:
         return values.data
     if instead is None:
         raise ValueError(f"{name}: some values are masked; leave them out")
-    return values.astype(np.int64).filled(instead)
+    return np.ma.filled(values.astype(np.int64), instead)
 
 
 def packed(values: NDArray[Any], kind: Any = None) -> NDArray[Any]:

@@ -187,8 +187,8 @@ class Segmentation(_OfMesh):
         they were cut off, `part_form` is "ply" or "stl". Raises ValueError for another ending, or an option that the form does not have;
         OSError. What the form loses is told as a warning."""
         edits = text_of(self._edits) if self._edits else None
-        choices = {"vertex_labels": vertex_labels, "split_vertices": split_vertices, "split_faces": split_faces, "cap": cap}
-        flags = [flag(name, value) for name, value in choices.items()]
+        choices = (flag("vertex_labels", vertex_labels), flag("split_vertices", split_vertices), flag("split_faces", split_faces),
+                   flag("cap", cap), part_form)
         if not isinstance(part_form, str):
             raise TypeError(f"part_form: {part_form!r}; choose ply or stl")
         # A pathlib.Path has no slash at its end.
@@ -196,7 +196,7 @@ class Segmentation(_OfMesh):
             path = os.path.join(path, "")
         labels, names = as_labels(self.labels, self._mesh.faces), self.names if any(self.names) else []
         _native.save(self._mesh, labels, as_colours(self.colours, 0), self.quality, names, as_path("path", path), json.dumps(self.report),
-                     self._tree, self._cells, self._decision, edits, (*flags, part_form))
+                     self._tree, self._cells, self._decision, edits, choices)
 
     def picture(self, **options: Any) -> NDArray[np.uint8]:
         """A picture of the parts: see `nystrom_stream.picture`."""
