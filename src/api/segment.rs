@@ -162,7 +162,7 @@ impl Segmenter {
         self
     }
 
-    /// Connected pieces below this share of the area (0 to 1) join a neighbour.
+    /// Connected pieces below this share of the area (0 to below 1) join a neighbour.
     #[must_use]
     pub fn small_part(mut self, share: f64) -> Self {
         self.params.parts.small_part = share;

@@ -171,9 +171,9 @@ impl CorrespondArgs {
         if self.outputs().next().is_none() && self.json.json.is_none() {
             return Err(CliError::Usage("nothing to write; give -o matches.npy or another output".into()));
         }
-        let named =
+        let repeated =
             |k: usize| self.carry[..k].contains(&self.carry[k]) || ["x", "y", "z"].contains(&&self.carry[k][..]);
-        if let Some(k) = (0..self.carry.len()).find(|&k| named(k)) {
+        if let Some(k) = (0..self.carry.len()).find(|&k| repeated(k)) {
             let text = format!("--carry {}: the carried file would have it twice; leave one out", self.carry[k]);
             return Err(CliError::Usage(text));
         }

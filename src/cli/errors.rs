@@ -6,7 +6,7 @@ use nystrom_stream::base::Error;
 use std::path::Path;
 
 /// Options of the library that the command line calls otherwise, and their flags.
-const FLAGS: [(&str, &str); 43] = [
+const FLAGS: [(&str, &str); 42] = [
     ("alternative", "--alternative"),
     ("beta", "--beta"),
     ("boundaries", "--boundaries"),
@@ -22,7 +22,6 @@ const FLAGS: [(&str, &str); 43] = [
     ("faces", "--faces"),
     ("force", "--force"),
     ("hints", "--hints"),
-    ("holes", "--holes"),
     ("landmarks", "-l"),
     ("map", "--initial-map"),
     ("matches", "--matches"),

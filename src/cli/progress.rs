@@ -58,7 +58,6 @@ pub fn words(stage: &str) -> &str {
 /// What units are called to people.
 fn unit_words(unit: &str) -> &str {
     match unit {
-        "members" => "segmentations",
         "guesses" => "alignments",
         unit => unit,
     }

@@ -1,5 +1,5 @@
-//! `graph`, `rows`, `merge`, `embed`, `cluster` and `export`: the stages of `segment` one by
-//! one, over a work directory.
+//! `graph`, `rows`, `share`, `merge`, `embed`, `cluster` and `export`: the stages of `segment` one by one, over a work
+//! directory.
 //!
 //! `graph` needs the mesh; the others find in the work directory which mesh it was, and make
 //! what is missing before them.

@@ -5,6 +5,7 @@
 //! gets 0, NaN in a floating-point column, or grey as its colour. One column is 8 bytes per vertex of B on disk.
 
 use super::matches::Match;
+use crate::apps::labelled_faces::LabelledFaces;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::ply::{Column, ElementKind, Scalar};
@@ -137,13 +138,16 @@ impl Colours {
         Self::of(all().map(|p| std::array::from_fn(|axis| channel(axis, p[axis]))), context.work)
     }
 
-    /// By parts: the labels of B's faces, in the colours that the program gives to parts.
+    /// By parts: the labels of B's faces, in the colours that its file gives to parts, or else the program.
     ///
     /// # Errors
     /// [`Error::Unusable`] where B's faces have no labels, [`Error::Io`], [`Error::Cancelled`].
     pub fn by_parts(b: &Mesh, context: Context<'_>) -> Result<Self> {
-        let labels = b.face_property("label", context.run)?;
-        let palette = crate::apps::colours::colours_for(b, &labels, context.run)?;
+        let remedy = "segment it first, or colour by position";
+        let found = LabelledFaces::of_mesh(b, context)?;
+        let mut found = found.ok_or_else(|| Error::unusable(b.path(), "has no face property `label`", remedy))?;
+        let labels = found.labels.clone();
+        let palette = found.colours(b, &labels, context.run)?;
         let faces = first_faces(b, "first_faces.npy", context)?;
         let label = |face: u32| labels.get(face as usize).and_then(|&label| palette.get(label as usize));
         Self::of(faces.iter().map(|&face| label(face).copied().unwrap_or(GREY)), context.work)

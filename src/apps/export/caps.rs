@@ -61,7 +61,7 @@ impl EdgesAtCuts {
         /// Faces of several parts meet there.
         const SEVERAL: u32 = u32::MAX;
         let bytes = 4 * mesh.positions.len() as u64;
-        let grant = run.budget.take("where parts meet", bytes, bytes)?;
+        let _grant_of_parts = run.budget.take("where parts meet", bytes, bytes)?;
         // One more than the part of each vertex; 0 where it has no face.
         let mut parts = vec![0u32; mesh.positions.len()];
         let chunks = || (0..labels.len()).step_by(CHUNK).map(|start| start..labels.len().min(start + CHUNK));
@@ -69,30 +69,34 @@ impl EdgesAtCuts {
             run.cancel.check()?;
             mesh.faces.for_each(faces, |face, corners| {
                 let own = labels[face].saturating_add(1);
-                for part in corners.iter().map(|&v| v as usize) {
-                    let part = &mut parts[part];
+                for &v in corners {
+                    let part = &mut parts[v as usize];
                     *part = if *part == 0 || *part == own { own } else { SEVERAL };
                 }
             });
         }
-        let mut edges = Vec::new();
-        for faces in chunks() {
-            run.cancel.check()?;
-            mesh.faces.for_each(faces, |_, corners| {
-                if corners.iter().filter(|&&v| parts[v as usize] == SEVERAL).count() > 1 {
-                    mesh.triangles(corners, |[a, b, c], _| {
-                        let sides = [[a, b], [b, c], [c, a]];
-                        let meet = |side: &[u32; 2]| side.iter().all(|&v| parts[v as usize] == SEVERAL);
-                        edges.extend(sides.into_iter().filter(meet).map(ends));
-                    });
-                }
-            });
-        }
-        drop((parts, grant));
+        let meet = |side: &[u32; 2]| side.iter().all(|&v| parts[v as usize] == SEVERAL);
+        let each = |visit: &mut dyn FnMut([u32; 2])| {
+            chunks().try_for_each(|faces| {
+                run.cancel.check()?;
+                mesh.faces.for_each(faces, |_, corners| {
+                    if corners.iter().filter(|&&v| parts[v as usize] == SEVERAL).count() > 1 {
+                        mesh.triangles(corners, |[a, b, c], _| {
+                            [[a, b], [b, c], [c, a]].into_iter().filter(meet).map(ends).for_each(&mut *visit);
+                        });
+                    }
+                });
+                Ok(())
+            })
+        };
+        let mut count = 0;
+        each(&mut |_| count += 1)?;
+        let grant = run.budget.take("edges where parts meet", 8 * count, 8 * count)?;
+        let mut edges = Vec::with_capacity(count as usize);
+        each(&mut |edge| edges.push(edge))?;
         edges.sort_unstable();
         edges.dedup();
-        let bytes = 8 * edges.len() as u64;
-        Ok(Self { edges, _grant: run.budget.take("edges where parts meet", bytes, bytes)? })
+        Ok(Self { edges, _grant: grant })
     }
 }
 

@@ -36,7 +36,7 @@ const PER_LABEL: u64 = 1024;
 /// What a whole mesh measures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeshMeasures {
-    /// Faces with three, four, and more corners.
+    /// Faces with three corners.
     pub triangles: u64,
     /// Faces with four corners.
     pub quads: u64,
