@@ -212,7 +212,7 @@ def test_progress_is_told_and_may_stop(mesh):
 def test_ctrl_c_stops_what_says_nothing_and_callbacks_come_to_the_caller(mesh):
     # Regression: signals were looked for by threads that Python gives none, so that Ctrl-C waited for the end of a stage.
     vertices, faces = mesh
-    for call in [lambda: nystrom_stream.quality(vertices, faces, landmarks=[60], seeds=100_000),
+    for call in [lambda: nystrom_stream.quality(vertices, faces, landmarks=[60], seeds=10_000),
                  lambda: nystrom_stream.picture((vertices, faces), size=(4000, 4000), views=6)]:
         timer = threading.Timer(0.3, signal.raise_signal, [signal.SIGINT])
         timer.start()
