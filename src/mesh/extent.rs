@@ -5,8 +5,9 @@
 //! meshes have none, and a look at every corner would take as long as reading the mesh. So the box of all vertices is
 //! taken where faces use the vertices that it touches.
 //!
-//! Cost: a look at every position, about 1 ns each, and at some faces near each of six vertices; at all corners' numbers
-//! where they are not found there, less than 1 ns each, and at all corners' positions where they are of no face.
+//! Cost: a look at every position, about 1 ns each, and at some faces near each of six vertices; at all corners'
+//! numbers where they are not found there, less than 1 ns each, and at all corners' positions where they are of no
+//! face.
 
 use super::geometry::Mesh;
 use crate::base::Result;
