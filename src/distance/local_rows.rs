@@ -54,7 +54,7 @@ impl LocalRows {
         context: Context<'_>,
     ) -> Result<Self> {
         let (n, work) = (surface.nodes.len(), context.work);
-        let (run, grant) = context.run.some_threads("local rows", 4 * n as u64)?;
+        let (run, grant) = context.run.some_threads("local rows", 0, 4 * n as u64)?;
         let mean = mean_weight(surface.graph);
         let front = |k: usize, (front, march, field): &mut (Front, March, Vec<f32>)| {
             let near = match distance {

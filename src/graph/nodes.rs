@@ -9,7 +9,7 @@ use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::base::vector::{cross, finite, length, minus, narrow};
 use crate::mesh::Mesh;
-use crate::mesh::extent::Extent;
+use crate::mesh::extent::BoundingBox;
 use crate::store::npy::{ArrayMut, Item};
 use crate::store::{MappedSlice, Run};
 use bytemuck::{Pod, Zeroable};
@@ -55,7 +55,7 @@ impl Frame {
     }
 
     /// The frame of a box; one of no size where it holds nothing.
-    fn around(bounds: Extent) -> Self {
+    fn around(bounds: BoundingBox) -> Self {
         if bounds[0][0] > bounds[1][0] {
             return Self { origin: [0.; 3], scale: 1. };
         }

@@ -21,19 +21,20 @@ const CHUNK: usize = 1 << 16;
 const NEAR: usize = 1 << 11;
 
 /// Least and greatest corner of a box.
-pub type Extent = [[f64; 3]; 2];
+pub type BoundingBox = [[f64; 3]; 2];
 
-/// The box of nothing.
-const EMPTY: Extent = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+/// The box of nothing: infinite, and the least above the greatest.
+pub(crate) const EMPTY: BoundingBox = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
 
-/// Makes `extent` hold the points `low` and `high`.
-fn grow([low, high]: &mut Extent, p: [f64; 3], q: [f64; 3]) {
+/// Makes a box hold the points `p` and `q`, of which `q` is nowhere below `p`.
+pub(crate) fn grow([low, high]: &mut BoundingBox, p: [f64; 3], q: [f64; 3]) {
     for axis in 0..3 {
         (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(q[axis]));
     }
 }
 
-fn around(extents: impl IntoIterator<Item = Extent>) -> Extent {
+/// The box of what any of several holds.
+pub(crate) fn around(extents: impl IntoIterator<Item = BoundingBox>) -> BoundingBox {
     extents.into_iter().fold(EMPTY, |mut all, [low, high]| {
         grow(&mut all, low, high);
         all
@@ -56,7 +57,7 @@ impl Mesh {
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
-    pub fn extent(&self, run: &Run) -> Result<Extent> {
+    pub fn extent(&self, run: &Run) -> Result<BoundingBox> {
         let positions = &self.positions;
         let of_vertices = |range: Range<usize>| {
             let mut extent = EMPTY;

@@ -63,6 +63,21 @@ struct Folder {
     failure: Option<Error>,
     /// None without a lock.
     lock: Option<HeldLock>,
+    /// The process that has opened it: one that it forks has a copy of this, and leaves the folder to its parent.
+    process: u32,
+}
+
+impl Folder {
+    fn new(path: PathBuf, failure: Option<Error>, lock: Option<HeldLock>) -> Self {
+        Self { path, failure, lock, process: std::process::id() }
+    }
+
+    /// Removes it with all that is in it.
+    fn remove(&self) {
+        if self.failure.is_none() && self.process == std::process::id() {
+            remove_folder(&self.path);
+        }
+    }
 }
 
 /// The folder of a work directory, which may be made only when its first file needs it.
@@ -75,7 +90,7 @@ pub(super) struct WorkFolder {
 impl WorkFolder {
     /// The folder `path`, whose lock is held as long as `lock` is open; `None` where the file system has no locks.
     pub fn of(path: &Path, lock: Option<HeldLock>) -> Self {
-        let folder = Folder { path: path.to_path_buf(), failure: None, lock };
+        let folder = Folder::new(path.to_path_buf(), None, lock);
         Self { folder: OnceLock::from(folder), ..Self::put_off(Path::new("")) }
     }
 
@@ -99,11 +114,7 @@ impl WorkFolder {
     }
 
     fn path_made_by(&self, make: impl FnOnce(&Path) -> Result<Folder>) -> &Path {
-        let none = |error: Error| Folder {
-            path: self.parent.join(format!("{TEMPORARY}none")),
-            failure: Some(error),
-            lock: None,
-        };
+        let none = |error: Error| Folder::new(self.parent.join(format!("{TEMPORARY}none")), Some(error), None);
         &self.folder.get_or_init(|| make(&self.parent).unwrap_or_else(none)).path
     }
 
@@ -136,9 +147,7 @@ impl WorkFolder {
 
     /// Removes it with all that is in it.
     pub fn remove(&self) {
-        if let Some(Folder { path, failure: None, .. }) = self.folder.get() {
-            remove_folder(path);
-        }
+        self.folder.get().into_iter().for_each(Folder::remove);
     }
 }
 
@@ -174,24 +183,18 @@ fn without_locks(error: &io::Error) -> bool {
 /// A folder for scratch files, removed when dropped. Where the process is killed instead, the next run that makes
 /// one beside it removes it.
 #[derive(Debug)]
-pub struct PrivateFolder {
-    folder: Folder,
-    /// The process that made it: one that it forks has a copy of this, and leaves the folder to its parent.
-    process: u32,
-}
+pub struct PrivateFolder(Folder);
 
 impl PrivateFolder {
     /// Its path.
     pub fn path(&self) -> &Path {
-        &self.folder.path
+        &self.0.path
     }
 }
 
 impl Drop for PrivateFolder {
     fn drop(&mut self) {
-        if self.process == std::process::id() {
-            remove_folder(&self.folder.path);
-        }
+        self.0.remove();
     }
 }
 
@@ -200,7 +203,7 @@ impl Drop for PrivateFolder {
 /// # Errors
 /// [`Error::Io`].
 pub fn private(parent: &Path) -> Result<PrivateFolder> {
-    Ok(PrivateFolder { folder: temporary_folder(parent)?, process: std::process::id() })
+    temporary_folder(parent).map(PrivateFolder)
 }
 
 /// An error of `tempfile` without the path that its text repeats. The system's number is in the text alone.
@@ -248,7 +251,7 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
         };
         remove_abandoned(parent, &path);
         let path = folder.keep();
-        return Ok(Folder { path, failure: None, lock });
+        return Ok(Folder::new(path, None, lock));
     }
     Err(Error::work_dir(
         parent,
@@ -359,7 +362,7 @@ mod tests {
         // Another that is made beside it leaves it, until its process is gone.
         let other = private(dir.path()).unwrap();
         assert!(path.join("input").exists());
-        let Folder { lock, .. } = &folder.folder;
+        let PrivateFolder(Folder { lock, .. }) = &folder;
         fs4::FileExt::unlock(&lock.as_ref().unwrap().file).unwrap();
         drop(private(dir.path()).unwrap());
         assert!(!path.exists() && other.path().exists());

@@ -52,13 +52,14 @@ impl<'a> Run<'a> {
         (self.with_threads(grant.bytes() / bytes.max(1)), grant)
     }
 
-    /// The same for what cannot be less on one thread.
+    /// The same for what cannot be less on one thread; `held` bytes are needed besides.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`] where there is no room for one; `what` says for what.
-    pub fn some_threads(&self, what: &'static str, bytes: u64) -> Result<(Run<'a>, Grant)> {
-        let grant = self.budget.take(what, bytes, bytes.saturating_mul(self.threads as u64))?;
-        Ok((self.with_threads(grant.bytes() / bytes.max(1)), grant))
+    pub fn some_threads(&self, what: &'static str, held: u64, bytes: u64) -> Result<(Run<'a>, Grant)> {
+        let all = bytes.saturating_mul(self.threads as u64);
+        let grant = self.budget.take(what, held + bytes, held.saturating_add(all))?;
+        Ok((self.with_threads((grant.bytes() - held) / bytes.max(1)), grant))
     }
 
     /// This run on up to `most` of its threads, and on one at the least.
@@ -256,9 +257,10 @@ mod tests {
         assert_eq!((three.threads, grant.bytes()), (3, 1000));
         let (one, _) = run.threads_within(300);
         assert_eq!(one.threads, 1);
-        assert!(run.some_threads("rows", 300).is_err());
+        assert!(run.some_threads("rows", 0, 300).is_err());
         drop(grant);
         assert_eq!(run.threads_within(10).0.threads, 8);
-        assert_eq!(run.some_threads("rows", 400).unwrap().0.threads, 2);
+        assert_eq!(run.some_threads("rows", 0, 400).unwrap().0.threads, 2);
+        assert_eq!(run.some_threads("rows", 100, 300).unwrap().0.threads, 3);
     }
 }

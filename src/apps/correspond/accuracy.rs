@@ -77,7 +77,7 @@ pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result
     let order = order_by(pairs.len(), |i, j| pairs[i].1.cmp(&pairs[j].1));
     // One march per true vertex, however many were matched to it.
     let groups: Vec<&[usize]> = order.chunk_by(|&a, &b| pairs[a].1 == pairs[b].1).collect();
-    let (run, _grant) = run.some_threads("marching", 4 * n as u64)?;
+    let (run, _grant) = run.some_threads("marching", 0, 4 * n as u64)?;
     let surface = Surface::of(graph);
     let mean = mean_weight(surface.graph);
     let unit = graph.unit();

@@ -8,6 +8,7 @@ use super::data::{Edit, Edits, Place};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
 use crate::base::vector::{finite, minus, triangle_distance};
 use crate::base::{Error, Result};
+use crate::mesh::extent::{EMPTY, around, grow};
 use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use std::sync::Mutex;
@@ -89,14 +90,10 @@ impl Edits {
 /// # Errors
 /// [`Error::Cancelled`].
 pub fn bounds(mesh: &Mesh, run: &Run) -> Result<[[f64; 3]; 2]> {
-    let empty = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    let grow = |[low, high]: &mut [[f64; 3]; 2], p: [f64; 3], q: [f64; 3]| {
-        (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(q[k])));
-    };
     let boxes = run.map_ranges(mesh.faces.len(), CHUNK, |range| {
-        let mut all = empty;
+        let mut all = EMPTY;
         mesh.faces.for_each(range, |_, corners| {
-            let mut own = empty;
+            let mut own = EMPTY;
             let mut whole = true;
             for &v in corners {
                 let p = mesh.positions.get(v);
@@ -109,10 +106,7 @@ pub fn bounds(mesh: &Mesh, run: &Run) -> Result<[[f64; 3]; 2]> {
         });
         Ok(all)
     })?;
-    Ok(boxes.into_iter().fold(empty, |mut all, [low, high]| {
-        grow(&mut all, low, high);
-        all
-    }))
+    Ok(around(boxes))
 }
 
 /// The middle of a mesh and its diagonal, not 0: what makes its coordinates those of a box of diagonal 1.

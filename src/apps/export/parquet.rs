@@ -43,8 +43,7 @@ const BYTES_PER_THREAD: u64 = 24;
 /// [`Error::Memory`] where there is no room for one.
 pub fn threads_for_groups<'a>(rows: usize, held: u64, run: &Run<'a>) -> Result<(Run<'a>, Grant)> {
     let [held, each] = [held, BYTES_PER_THREAD].map(|bytes| bytes * GROUP.min(rows) as u64);
-    let grant = run.budget.take("a group of rows", held + each, held + each * run.threads as u64)?;
-    Ok((run.with_threads((grant.bytes() - held) / each.max(1)), grant))
+    run.some_threads("a group of rows", held, each)
 }
 
 /// A file under way.

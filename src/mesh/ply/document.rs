@@ -171,8 +171,7 @@ impl Document {
         run: &Run,
         visit: impl FnMut(usize, [i64; N]) -> Result<()>,
     ) -> Result<()> {
-        let wanted = names.map(|name| Some(self.property(ElementKind::Faces, name)?.property));
-        self.numbers(self.face, wanted, run, visit)
+        self.of_faces(names, run, visit)
     }
 
     /// As [`Document::for_each_face`], with the numbers as they stand.
@@ -184,6 +183,15 @@ impl Document {
         names: [&str; N],
         run: &Run,
         visit: impl FnMut(usize, [f64; N]) -> Result<()>,
+    ) -> Result<()> {
+        self.of_faces(names, run, visit)
+    }
+
+    fn of_faces<T: Number, const N: usize>(
+        &self,
+        names: [&str; N],
+        run: &Run,
+        visit: impl FnMut(usize, [T; N]) -> Result<()>,
     ) -> Result<()> {
         let wanted = names.map(|name| Some(self.property(ElementKind::Faces, name)?.property));
         self.numbers(self.face, wanted, run, visit)
