@@ -58,8 +58,8 @@ impl Found {
         let work = WorkDir::open_existing(path)?;
         let record = Record::read(&work)?;
         let made = match (recipe::requested_parts(&work), Labels::read(&work)) {
-            // Edits number parts anew.
-            (Some(params), Ok(labels)) if labels.edits.is_none() => Some((params, labels.colours())),
+            // Corrections number parts anew.
+            (Some(params), Ok(labels)) if !labels.corrected => Some((params, labels.colours())),
             _ => None,
         };
         let exact = labels::method(&work).unwrap_or(record.params).exact_rows();

@@ -40,6 +40,21 @@ pub struct PartMarks {
     pub colours: BTreeMap<u32, [u8; 3]>,
     /// The file of edits that the parts are of.
     pub edits: Option<String>,
+    /// Whether the parts are another cut than the options make of the hierarchy that is kept: corrected, or of another.
+    pub corrected: bool,
+}
+
+impl PartMarks {
+    /// The marks of the parts `kept` (K), numbered from 0.
+    pub(super) fn of_parts(&self, kept: &[u32]) -> Self {
+        let name = |part: &u32| self.names.get(*part as usize).cloned().unwrap_or_default();
+        let colour = |(part, old): (u32, &u32)| Some((part, *self.colours.get(old)?));
+        Self {
+            names: if self.names.is_empty() { Vec::new() } else { kept.iter().map(name).collect() },
+            colours: (0..).zip(kept).filter_map(colour).collect(),
+            ..self.clone()
+        }
+    }
 }
 
 /// What parts that are not wanted are called, unless they have a name.

@@ -192,7 +192,7 @@ pub(super) fn label(
     if let Some(tiny_components) = numbers.tiny_components_label {
         colours[tiny_components as usize] = TINY_COMPONENTS_COLOUR;
     }
-    let PartMarks { mut names, colours: own, edits } = clustered.marks;
+    let PartMarks { mut names, colours: own, edits, corrected } = clustered.marks;
     for (&part, &colour) in &own {
         if let Some(slot) = colours.get_mut(part as usize) {
             *slot = colour;
@@ -211,7 +211,7 @@ pub(super) fn label(
         graph: graph.facts.clone(),
         numbers,
     };
-    let facts = LabelFacts { parts: result.parts(), edits };
+    let facts = LabelFacts { parts: result.parts(), edits, corrected };
     let stage = stage_key(graph, params, context.run.seed);
     context.work.stamp(stage, &[LABELS, QUALITY], &facts, 0.)?;
     Ok(result)
@@ -229,9 +229,10 @@ pub fn keep(result: &SegmentedMesh, context: Context<'_>) -> Result<()> {
 /// [`begin`] has returned.
 pub(super) fn keep_as(stage: Option<StageRecord>, result: &SegmentedMesh, work: &WorkDir) -> Result<()> {
     let Some(stage) = stage else { return Ok(()) };
-    let edits = serde_json::from_value::<LabelFacts>(stage.facts).ok().and_then(|facts| facts.edits);
+    let (edits, corrected) =
+        serde_json::from_value::<LabelFacts>(stage.facts).map_or((None, false), |facts| (facts.edits, facts.corrected));
     let key = StageKey { name: STAGE, version: LABELS_VERSION, key: stage.key, inputs: stage.inputs };
-    work.stamp(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), edits }, 0.)
+    work.stamp(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), edits, corrected }, 0.)
 }
 
 /// The options that the labels in `work` were made under; `cluster` may have been given others than the record tells.
@@ -251,6 +252,8 @@ pub struct Labels {
     pub parts: Vec<Part>,
     /// The edits that they are of.
     pub edits: Option<Edits>,
+    /// Whether they are another cut than the options make of the hierarchy that is kept: corrected, or of another.
+    pub corrected: bool,
 }
 
 /// What the manifest keeps of labels.
@@ -261,6 +264,9 @@ struct LabelFacts {
     /// The file of edits that the labels are of.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edits: Option<String>,
+    /// [`PartMarks::corrected`].
+    #[serde(default)]
+    pub corrected: bool,
 }
 
 impl Labels {
@@ -275,7 +281,7 @@ impl Labels {
         let labels = work.indices(LABELS, labels.len(), facts.parts.len())?;
         let quality = work.array_of(QUALITY, labels.len())?;
         let edits = facts.edits.map(|text| Edits::of_text(text.as_bytes(), &work.place(MANIFEST))).transpose()?;
-        Ok(Self { labels, quality, parts: facts.parts, edits })
+        Ok(Self { labels, quality, parts: facts.parts, edits, corrected: facts.corrected })
     }
 
     /// One colour per part.

@@ -18,10 +18,12 @@ use crate::cluster::boundary::{self, BoundaryMethod, CellLabels, RefinedLabels};
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::part_totals::PartTotals;
+use crate::cluster::parts::hierarchy::TreeCut;
 use crate::cluster::parts::{self, PartCount, PartTree, PartsParams, PartsResult};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::store::{Context, MappedSlice};
+use std::collections::{BTreeMap, BTreeSet};
 
 const CHUNK: usize = 1 << 15;
 /// Labels that edits look at, and nobody keeps.
@@ -228,10 +230,15 @@ fn decide_on_mesh(
     // More parts than cells are divided later.
     let count = params.parts.count.at_most(all.tree.cells());
     let mut cut = all.tree.cut_for(count, params.parts.detail)?;
+    let is_beyond = params.parts.count.least() > all.tree.cells();
+    let walls = (params.walls == Walls::Own && all.is_wall.contains(&true)).then_some(&all.is_wall);
+    if let Some(walls) = walls {
+        cut = beside_walls(&all.tree, walls, cut, params.parts.count.least())?;
+    }
     let mut marks = PartMarks::default();
     let unit_of_node = surface.surface.cells()?.of_node.clone();
     if !corrections.is_empty() {
-        if params.parts.count != count {
+        if is_beyond {
             let problem = "edits cannot follow where more parts are asked for than the surface has cells";
             return Err(Error::parameter("parts", problem, format!("ask for {} at most", all.tree.cells())));
         }
@@ -247,6 +254,7 @@ fn decide_on_mesh(
         };
         (cut, marks) = corrections.apply(on_cells, (count, params.parts.detail), cut)?;
     }
+    marks.corrected = !corrections.is_empty() || tree.is_some();
     let PartsResult { mut label, mut parts, confidence, mut report } =
         parts::describe(&all, cut, facts.l, facts.seconds);
     if !corrections.is_empty() {
@@ -254,16 +262,13 @@ fn decide_on_mesh(
         report.expected_agreement.clear();
     }
     let mut walls_label = None;
-    if params.walls == Walls::Own && all.is_wall.contains(&true) {
-        if params.parts.count != count {
-            let problem =
-                "walls cannot be a part of their own where more parts are asked for than the surface has cells";
-            let remedy = format!("ask for {} at most, or leave out `walls` own", all.tree.cells());
-            return Err(Error::parameter("parts", problem, remedy));
-        }
-        let own = parts as u32;
-        label.iter_mut().zip(&all.is_wall).filter(|(_, wall)| **wall).for_each(|(label, _)| *label = own);
-        parts += 1;
+    if let Some(walls) = walls {
+        let kept = labels_beside(walls, &label);
+        let number: BTreeMap<u32, u32> = kept.iter().copied().zip(0..).collect();
+        let own = kept.len() as u32;
+        label.iter_mut().zip(walls).for_each(|(label, wall)| *label = if *wall { own } else { number[label] });
+        parts = kept.len() + 1;
+        marks = marks.of_parts(&kept);
         walls_label = Some(own);
         // The parts are no longer those that the expectation is about.
         report.expected_agreement.clear();
@@ -271,6 +276,26 @@ fn decide_on_mesh(
     let numbers = SegmentStats { decision: Some(report), walls_label, ..facts.numbers };
     let units = Units { of_node: unit_of_node, label: label.clone(), at_boundary: None, areas: None, confidence };
     Ok(Decided { cells: all.tree.cells(), parts, cell_labels: label, units, numbers, marks })
+}
+
+/// The labels of cells that are no `walls` (S), ascending.
+fn labels_beside(walls: &[bool], label: &[u32]) -> Vec<u32> {
+    let all: BTreeSet<u32> = label.iter().zip(walls).filter(|(_, wall)| !**wall).map(|(label, _)| *label).collect();
+    all.into_iter().collect()
+}
+
+/// `cut`, or one that has `least` parts besides the `walls` (S) if some of its parts are walls alone.
+fn beside_walls(tree: &PartTree, walls: &[bool], cut: TreeCut, least: usize) -> Result<TreeCut> {
+    if labels_beside(walls, &cut.label).len() >= least {
+        return Ok(cut);
+    }
+    let others = walls.iter().filter(|wall| !**wall).count();
+    if others < least {
+        let problem = "walls cannot be a part of their own where more parts are asked for than other cells";
+        let remedy = format!("ask for {others} at most, or leave out `walls` own");
+        return Err(Error::parameter("parts", problem, remedy));
+    }
+    tree.without(walls).cut_k(least)
 }
 
 /// The same on the contracted graph: constant time after one front.

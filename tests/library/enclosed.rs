@@ -66,6 +66,16 @@ fn a_hollow_dumbbell_is_cut_like_a_solid_one_and_its_inside_follows() {
     };
     let right = (0..2 * outer).filter(|&face| right(face)).count() as u32;
     assert!(right * 100 > 2 * outer * 95, "{right} of {}", 2 * outer);
+    // Regression: parts that walls alone would make were parts without a face, and counted.
+    let mesh = Mesh::from_slices(&positions, &faces).unwrap();
+    for parts in [40, 300] {
+        let many = Segmenter::new().parts(parts).walls(Walls::Own).run(&mesh).unwrap();
+        let sizes: Vec<u64> = many.report().parts.iter().map(|part| part.faces).collect();
+        assert!(sizes.len() == parts + 1 && sizes.iter().all(|faces| *faces > 0), "{parts}: {sizes:?}");
+    }
+    // Regression: a range that ends beyond the cells was refused.
+    let range = Segmenter::new().parts_between(2, 5_000).walls(Walls::Own).run(&mesh).unwrap();
+    assert!(range.report().walls_label.is_some());
     let solid = Segmenter::new().walls(Walls::Own).run(&Mesh::creature(3_000).unwrap()).unwrap();
     assert!(solid.report().walls_label.is_none());
 }

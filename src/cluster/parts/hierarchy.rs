@@ -148,6 +148,29 @@ impl PartTree {
         self.area.len()
     }
 
+    /// The same hierarchy, in which `left_out` cells (S) have no area and are no parts by themselves: a number of parts
+    /// is that of the others. They are united with others before all else.
+    pub fn without(&self, left_out: &[bool]) -> PartTree {
+        let mut sets = Forest::new(self.cells());
+        let mut counts: Vec<bool> = left_out.iter().map(|left_out| !left_out).collect();
+        let all = self.unions.iter().zip(&self.level).map(|(&[a, b], &level)| {
+            let both = [a, b].map(|cell| counts[sets.find(cell) as usize]);
+            sets.join(a, b);
+            counts[sets.find(a) as usize] = both[0] || both[1];
+            (both == [true; 2], [a, b], level)
+        });
+        // Stable: among themselves both kinds keep their order.
+        let mut all: Vec<(bool, [u32; 2], f32)> = all.collect();
+        sort_by(&mut all, |x, y| x.0.cmp(&y.0));
+        let area = self.area.iter().zip(left_out).map(|(&area, left_out)| if *left_out { 0. } else { area });
+        PartTree {
+            unions: all.iter().map(|(_, union, _)| *union).collect(),
+            level: all.iter().map(|(_, _, level)| *level).collect(),
+            area: area.collect(),
+            ..self.clone()
+        }
+    }
+
     /// The parts that some unions make, as they are.
     fn raw<'a>(&self, unions: impl IntoIterator<Item = &'a [u32; 2]>) -> Vec<u32> {
         let mut sets = Forest::new(self.cells());
@@ -262,6 +285,7 @@ impl PartTree {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
 
     fn strip(n: u32) -> CellGraph {
         let pairs: Vec<[u32; 2]> = (1..n).map(|i| [i - 1, i]).collect();
@@ -310,6 +334,30 @@ mod tests {
         // More parts than there are without tiny components: these become parts too, and the
         // number is the one asked for.
         assert_eq!(tree.cut_k(90).unwrap().parts, 90);
+    }
+
+    #[test]
+    fn cells_that_are_left_out_are_no_parts() {
+        // Every other block of ten is left out; the finest unions are within blocks, then they join in a row.
+        let cells = strip(100);
+        let union = |rank: f64, a, b| CellUnion { level: 0.9, rank, a, b };
+        let inside = (0..100).filter(|i| i % 10 < 9).map(|i| union(3., i, i + 1));
+        let blocks = (1..10).map(|k| union(2. - f64::from(k) / 10., 0, 10 * k));
+        let tree = PartTree::new(&cells, inside.chain(blocks), 0.003);
+        let left_out: Vec<bool> = (0..100).map(|i| i / 10 % 2 == 1).collect();
+        let without = tree.without(&left_out);
+        without.check().unwrap();
+        for k in 1..=50 {
+            let label = without.cut_k(k).unwrap().label;
+            let others: BTreeSet<u32> =
+                label.iter().zip(&left_out).filter(|(_, left_out)| !**left_out).map(|(label, _)| *label).collect();
+            assert_eq!((others.len(), *label.iter().max().unwrap() as usize + 1), (k, k));
+        }
+        // The five blocks that count, each whole.
+        let five = without.cut_k(5).unwrap().label;
+        let ends = [0, 2, 4, 6, 8].map(|block| [five[10 * block], five[10 * block + 9]]);
+        assert!(ends.iter().all(|[first, last]| first == last), "{five:?}");
+        assert_eq!(ends.map(|[first, _]| first).iter().collect::<BTreeSet<_>>().len(), 5);
     }
 
     #[test]
