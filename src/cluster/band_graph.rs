@@ -2,10 +2,13 @@
 //!
 //! A boundary costs its length, and less across a crease, so that one on a crease stays there. What counts as a
 //! crease depends on the mesh: turning that most of the band's edges have is the shape's roundness, or noise, and
-//! would only make a boundary ragged.
+//! would only make a boundary ragged. On a rough mesh the faces' own turning counts, averaged along the edges
+//! ([`super::crease`]).
 //!
-//! Cost: a pass over the edges of the band's nodes, which looks up their neighbours by bisection; 90 bytes per node.
+//! Cost: a pass over the edges of the band's nodes, which looks up their neighbours by bisection; 90 bytes per node, on a
+//! rough mesh twice as many.
 
+use super::crease::{self, OwnTurning};
 use crate::base::Result;
 use crate::graph::csr::near_ranges;
 use crate::graph::{Csr, SharedEdges};
@@ -49,6 +52,8 @@ pub struct WeightedLengths<'a> {
     pub edge: SharedEdges<'a>,
     /// From the frame to units of √(area).
     pub unit: f32,
+    /// The faces' own turning, on a rough mesh.
+    pub own: Option<OwnTurning<'a>>,
 }
 
 impl BandGraph {
@@ -57,7 +62,7 @@ impl BandGraph {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn of(graph: WeightedLengths<'_>, band: &[u32], labels: &[u32], run: &Run) -> Result<Self> {
-        let WeightedLengths { steps, centroid_distance, edge, unit } = graph;
+        let WeightedLengths { steps, centroid_distance, edge, unit, own } = graph;
         let chunks = run.map_ranges(band.len(), CHUNK, |range| {
             // This chunk's rows, and the next one's while it is summed up.
             let soon = || near_ranges(&band[range.start..(range.end + CHUNK).min(band.len())]);
@@ -67,32 +72,38 @@ impl BandGraph {
             run.will_need_few(centroid_distance, entries());
             run.will_need_few(labels, soon());
             let (mut counts, mut list) = (Vec::with_capacity(range.len()), Vec::with_capacity(3 * range.len()));
-            let mut turning = Vec::with_capacity(3 * range.len());
+            let (mut turning, mut crease) = (Vec::with_capacity(3 * range.len()), Vec::new());
             for &node in &band[range] {
                 let span = steps.span(node);
                 counts.push(span.len() as u32);
                 for e in span {
                     turning.push((steps.weights[e] - centroid_distance[e] * unit).max(0.));
-                    let weight = edge.length(node, e).abs();
-                    let other = steps.indices[e];
+                    let length = edge.length(node, e);
+                    let (weight, other) = (length.abs(), steps.indices[e]);
+                    crease.extend(own.map(|own| own.edge(node, other, length)));
                     list.push(match band.binary_search(&other) {
                         Ok(position) => BandEdge { to: position as u32, inside: true, weight },
                         Err(_) => BandEdge { to: labels[other as usize], inside: false, weight },
                     });
                 }
             }
-            Ok((counts, list, turning))
+            Ok((counts, list, turning, crease))
         })?;
         let entries = chunks.iter().map(|chunk| chunk.1.len()).sum();
         let mut of_band = Self { start: vec![0], edges: Vec::with_capacity(entries) };
-        let (mut end, mut turning) = (0, Vec::with_capacity(entries));
-        for (counts, list, turns) in chunks {
+        let (mut end, mut turning, mut crease) = (0, Vec::with_capacity(entries), Vec::new());
+        for (counts, list, turns, creases) in chunks {
             of_band.start.extend(counts.iter().map(|&count| {
                 end += count;
                 end
             }));
             of_band.edges.extend(list);
             turning.extend(turns);
+            crease.extend(creases);
+        }
+        if own.is_some() {
+            let inside = |e: usize| Some(&of_band.edges[e]).filter(|edge| edge.inside).map(|edge| edge.to);
+            turning = crease::averaged(&of_band.start, inside, &crease, run)?;
         }
         let usual = usual_turning(&mut turning.clone());
         for (edge, turning) in of_band.edges.iter_mut().zip(turning) {

@@ -12,6 +12,7 @@
 
 use super::area_shares::AreaShares;
 use super::band_graph::{BandGraph, WeightedLengths};
+use super::crease::OwnTurning;
 use super::extrapolate::LocalPartMeans;
 use super::normals::lengths;
 use super::shorten::{HOPS, PASSES, shorten};
@@ -88,6 +89,19 @@ impl CellLabels<'_> {
     }
 }
 
+/// What boundaries are refined on.
+#[derive(Clone, Copy)]
+pub struct BoundarySurface<'a> {
+    /// The graph.
+    pub graph: &'a DualGraph,
+    /// The same under the weights that fronts use.
+    pub weighted: &'a WeightedGraph,
+    /// Shares of area.
+    pub shares: &'a AreaShares,
+    /// The faces' own turning, where these weights have averaged normals.
+    pub own: Option<OwnTurning<'a>>,
+}
+
 /// The labels of the faces.
 #[derive(Debug)]
 pub struct RefinedLabels {
@@ -134,14 +148,13 @@ pub fn band_front<'a>(weighted: &'a WeightedGraph, edge: &'a [u32], labels: &'a 
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn refine(
-    graph: &DualGraph,
-    weighted: &WeightedGraph,
-    shares: &AreaShares,
+    surface: BoundarySurface<'_>,
     cells: CellLabels<'_>,
     method: BoundaryMethod<'_>,
     file: &str,
     context: Context<'_>,
 ) -> Result<RefinedLabels> {
+    let BoundarySurface { graph, weighted, shares, .. } = surface;
     let (n, steps) = (cells.of_node.len(), weighted.csr());
     let mut labels = context.work.array::<u32>(file, &[n])?;
     let boundary_nodes = cells.boundary_nodes(steps, context.run)?;
@@ -186,7 +199,7 @@ pub fn refine(
         }
     }
     let depths = Depths { field: field.data(), visited: &visited };
-    let band = straighten(graph, steps, shares, depths, labels.data(), context.run)?;
+    let band = straighten(surface, depths, labels.data(), context.run)?;
     drop(field);
     context.work.remove("depth.tmp.partial");
     // Outside the band labels differ only between interiors, where they differed at first.
@@ -215,14 +228,12 @@ struct Depths<'a> {
 
 /// Straightens the new boundaries; `depths` are used up. Returns the nodes whose labels may have changed.
 fn straighten(
-    graph: &DualGraph,
-    steps: Csr<'_>,
-    shares: &AreaShares,
+    BoundarySurface { graph, weighted, shares, own }: BoundarySurface<'_>,
     Depths { field, visited }: Depths<'_>,
     labels: &mut [u32],
     run: &Run,
 ) -> Result<Vec<u32>> {
-    let lengths = lengths(graph);
+    let (lengths, steps) = (lengths(graph), weighted.csr());
     let mean = mean_weight(lengths);
     let across = |i: usize| steps.neighbours(i as u32).any(|(j, _)| labels[j as usize] != labels[i]);
     let open = run.fill_chunks(
@@ -260,6 +271,7 @@ fn straighten(
         centroid_distance: &graph.edges.centroid_distance,
         edge: graph.edges.shared(),
         unit: shares.unit,
+        own,
     };
     let graph = BandGraph::of(lengths, &band, labels, run)?;
     let mut shortened: Vec<u32> = band.iter().map(|&node| labels[node as usize]).collect();

@@ -11,6 +11,7 @@ pub mod band_graph;
 pub mod boundary;
 pub mod cells;
 pub mod contract;
+pub mod crease;
 pub mod divide;
 pub mod extrapolate;
 pub mod kmeans;

@@ -29,7 +29,7 @@ pub(super) const QUALITY: &str = "quality.npy";
 /// The stage that makes them.
 pub(super) const STAGE: &str = "labels";
 /// Version of the algorithm that makes labels from parts.
-const LABELS_VERSION: u32 = 6;
+const LABELS_VERSION: u32 = 7;
 /// The colour of tiny components that are a part of their own.
 const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
 

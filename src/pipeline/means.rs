@@ -155,7 +155,7 @@ pub(super) fn contracted(
     let parts = numbers.faces.len();
     labels::begin(context.work)?;
     let (refined, _) = context.run.stage("boundaries", "faces", graph.nodes.len() as u64, || {
-        boundary::refine(graph, &weighted, &surface.shares, units.cells(), BoundaryMethod::Front, LABELS, context)
+        boundary::refine(whole.boundaries(params.metric), units.cells(), BoundaryMethod::Front, LABELS, context)
     })?;
     let RefinedLabels { labels, boundary_nodes } = refined;
     weighted.release(context.work)?;

@@ -21,7 +21,7 @@ use crate::cluster::part_totals::PartTotals;
 use crate::cluster::parts::hierarchy::TreeCut;
 use crate::cluster::parts::{self, PartCount, PartTree, PartsParams, PartsResult};
 use crate::distance::DistanceRows;
-use crate::graph::{DualGraph, NodeOrder};
+use crate::graph::{DualGraph, Metric, NodeOrder};
 use crate::store::{Context, MappedSlice};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -49,6 +49,7 @@ struct Located<'a> {
     order: &'a NodeOrder,
     /// The mesh itself, and its work directory.
     whole: WeightedSurface<'a>,
+    metric: Metric,
     context: Context<'a>,
     /// The contracted node of each node, where there are some.
     units: Option<&'a [u16]>,
@@ -58,7 +59,6 @@ impl Located<'_> {
     /// The parts of `nodes` under the labels of cells `label`, once boundaries are refined. `cells` is the cell of each
     /// node, or contracted node.
     fn seen(&self, cells: &[u16], label: &[u32], nodes: &[u32]) -> Result<Vec<u32>> {
-        let WeightedSurface { graph, weighted, surface } = self.whole;
         let of_units: Vec<u32>;
         let cells = match self.units {
             Some(of_node) => {
@@ -71,7 +71,7 @@ impl Located<'_> {
         let _scratch = self.context.work.scratch(&[SEEN]);
         let method = BoundaryMethod::Front;
         let RefinedLabels { labels, .. } =
-            boundary::refine(graph, weighted, &surface.shares, cells, method, SEEN, self.context)?;
+            boundary::refine(self.whole.boundaries(self.metric), cells, method, SEEN, self.context)?;
         Ok(nodes.iter().map(|&node| labels[node as usize]).collect())
     }
 }
@@ -97,7 +97,7 @@ pub(super) fn parts(
     let nodes = requests.corrections.nodes(n, order, context.run)?;
     let (surface, weighted) = weighted(graph, params, context)?;
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
-    let located = Located { requests, nodes: &nodes, order, whole, context, units: None };
+    let located = Located { requests, nodes: &nodes, order, whole, metric: params.metric, context, units: None };
     let PreparedSurface { shares, radius, .. } = &surface;
     let mut decided = decide_parts(whole, params, located, context)?;
     let extrapolated = match params.boundaries {
@@ -108,7 +108,7 @@ pub(super) fn parts(
         extrapolated.as_ref().map_or(BoundaryMethod::Front, |(means, rows)| BoundaryMethod::Embedding(means, rows));
     labels::begin(context.work)?;
     let (refined, _) = context.run.stage("boundaries", "faces", n as u64, || {
-        boundary::refine(graph, &weighted, shares, decided.units.cells(), method, LABELS, context)
+        boundary::refine(whole.boundaries(params.metric), decided.units.cells(), method, LABELS, context)
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
     requests.corrections.tell_unmet(&nodes, &labels, context.run);
@@ -155,7 +155,8 @@ pub(super) fn units(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<Units> {
-    let located = Located { requests: PartRequests::default(), nodes: &[], order, whole, context, units: None };
+    let (requests, metric) = (PartRequests::default(), params.metric);
+    let located = Located { requests, nodes: &[], order, whole, metric, context, units: None };
     Ok(decide_parts(whole, params, located, context)?.units)
 }
 

@@ -9,13 +9,14 @@
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
+use crate::cluster::boundary::BoundarySurface;
 use crate::cluster::cells::{Cells, OF_FACE, SmoothedNormals};
+use crate::cluster::crease::OwnTurning;
 use crate::cluster::normals::{self, Normals, RADII};
 use crate::cluster::parts::CellGraph;
 use crate::cluster::roughness;
 use crate::distance::voronoi;
-use crate::graph::DualGraph;
-use crate::graph::WeightedGraph;
+use crate::graph::{DualGraph, Metric, WeightedGraph};
 use crate::store::manifest::MANIFEST;
 use crate::store::needs::{Extent, Needs, Room};
 use crate::store::stage::{Made, Stage};
@@ -76,6 +77,16 @@ pub(super) struct WeightedSurface<'a> {
     pub graph: &'a DualGraph,
     pub weighted: &'a WeightedGraph,
     pub surface: &'a PreparedSurface,
+}
+
+impl<'a> WeightedSurface<'a> {
+    /// What boundaries are refined on, where weights are of this `metric`.
+    pub fn boundaries(self, metric: Metric) -> BoundarySurface<'a> {
+        let Self { graph, weighted, surface } = self;
+        let is_rough = surface.radius > 0.;
+        let own = if is_rough { OwnTurning::new(graph.nodes.view(), metric) } else { None };
+        BoundarySurface { graph, weighted, shares: &surface.shares, own }
+    }
 }
 
 /// What the manifest keeps.
