@@ -293,7 +293,7 @@ pub(crate) struct GraphStage<'a> {
 
 impl Stage for GraphStage<'_> {
     const NAME: &'static str = "graph";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type Facts = GraphFacts;
     type Output = DualGraph;
 

@@ -3,7 +3,7 @@
 //! Published meshes are not always wound consistently. In each component the faces wound against its first face are
 //! known from the union-find's parities ([`super::components`]); the smaller group by area is turned. Then a component
 //! that encloses a volume is turned as a whole where the volume is negative (normals point inwards); one that does not
-//! (a range scan, a relief) keeps the direction of its file. Turning changes the normals in the node geometry only;
+//! (a range scan, a relief, a room seen from within) keeps the direction of its file. Turning changes the normals in the node geometry only;
 //! faces are written as they came. Edges that still join faces wound against each other keep their negative length: no
 //! orientation exists there.
 //!
@@ -16,6 +16,7 @@ use super::half_edge_pairs::AGAINST;
 use super::node_geometry::{ComputedEdges, FromMesh, NodeGeometry};
 use super::nodes::{self, Node};
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::vector::length;
 use crate::base::{Error, Result};
 use crate::store::npy::{ArrayMut, Item};
 use crate::store::{Context, MappedSlice};
@@ -24,6 +25,9 @@ use std::sync::Arc;
 
 /// Share of a sphere's volume (at equal area) from which on a component counts as enclosing one.
 const ENCLOSES: f64 = 0.02;
+/// Share of the area that its vectors sum to, up to which it does: 0 of what is closed, .2 of a cube without a lid, .3 to
+/// .5 of scans of rooms and bowls, which are seen from within.
+const OPEN: f64 = 0.25;
 
 /// What orienting found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -79,7 +83,8 @@ impl Sums {
         // A sphere of this area has the volume A^1.5 / (6 √π).
         let sphere = area * area.sqrt() / (6. * std::f64::consts::PI.sqrt());
         let inward = volume < 0.;
-        if volume.abs() > ENCLOSES * sphere { inward } else { majority }
+        let is_open = length(self.vector) > OPEN * area;
+        if volume.abs() > ENCLOSES * sphere && !is_open { inward } else { majority }
     }
 }
 
@@ -289,6 +294,21 @@ mod tests {
         let mut k = 0..5;
         let most_against = |node| if k.next() == Some(0) { (node, false) } else { (turned(&node), true) };
         assert!(!turn(cup().map(most_against)));
+    }
+
+    /// A room was turned inside out: its walls were cut where they are convex, and furniture belonged to them.
+    #[test]
+    fn what_is_wide_open_keeps_the_direction_of_its_file() {
+        // Floor and three walls, seen from within.
+        let room: Vec<(Node, bool)> = cup()[1..].iter().map(|node| (turned(node), false)).collect();
+        assert!(!turn(room.clone()));
+        // One wall against the others.
+        let mut k = 0..4;
+        assert!(!turn(room.into_iter().map(|(node, _)| if k.next() == Some(2) {
+            (turned(&node), true)
+        } else {
+            (node, false)
+        })));
     }
 
     #[test]
