@@ -115,7 +115,7 @@ pub struct KernelArgs {
     /// How affinities are normalised [default: anchor, or as in the work directory]
     #[arg(long, hide_short_help = true, value_parser = choice::<Normalisation>())]
     pub normalise: Option<Normalisation>,
-    /// Do not scale the coordinates of each face to unit length
+    /// Do not scale the coordinates of each face to unit length [default: scale them, or as in the work directory]
     #[arg(long, hide_short_help = true)]
     pub no_unit_rows: bool,
 }
@@ -181,20 +181,23 @@ impl KernelArgs {
         kernel.or(sigma).or(self.normalise.map(|_| "--normalise")).or(unit_rows)
     }
 
-    /// The embedding in `dimensions` coordinates that was asked for; nothing where no option was given.
-    pub fn params(&self, dimensions: usize) -> Result<Option<EmbeddingParams>, CliError> {
-        if self.given().is_none() {
-            return Ok(None);
+    /// The embedding in `dimensions` coordinates that was asked for, where options that were not given are those of
+    /// `kept`; nothing where none was given and none is kept.
+    pub fn params(&self, dimensions: usize, kept: Option<EmbeddingParams>) -> Option<EmbeddingParams> {
+        if self.given().is_none() && kept.is_none() {
+            return None;
         }
-        let normalisation = self.normalise.unwrap_or(Normalisation::Anchor);
-        let width = self.sigma.unwrap_or(if normalisation == Normalisation::Anchor { 0.25 } else { 1. });
-        Ok(Some(EmbeddingParams {
-            kernel: self.kernel.unwrap_or(Kernel::Gaussian),
-            width: KernelWidth::Mean(width),
+        let normalisation = self.normalise.or(kept.map(|kept| kept.normalisation)).unwrap_or(Normalisation::Anchor);
+        // A width suits its normalisation.
+        let kept_width = kept.filter(|kept| kept.normalisation == normalisation).map(|kept| kept.width);
+        let default = if normalisation == Normalisation::Anchor { 0.25 } else { 1. };
+        Some(EmbeddingParams {
+            kernel: self.kernel.or(kept.map(|kept| kept.kernel)).unwrap_or(Kernel::Gaussian),
+            width: self.sigma.map(KernelWidth::Mean).or(kept_width).unwrap_or(KernelWidth::Mean(default)),
             normalisation,
-            unit_rows: !self.no_unit_rows,
+            unit_rows: !self.no_unit_rows && kept.is_none_or(|kept| kept.unit_rows),
             ..EmbeddingParams::for_parts(dimensions)
-        }))
+        })
     }
 }
 
@@ -232,9 +235,7 @@ impl PartsArgs {
         params.tiny_components = self.tiny_components.unwrap_or(params.tiny_components);
         params.walls = self.walls.unwrap_or(params.walls);
         params.boundaries = self.boundaries.unwrap_or(params.boundaries);
-        let dimensions = self.parts.unwrap_or(two_means::DIMENSIONS);
-        let kept = params.embedding.map(|kept| EmbeddingParams { dimensions: dimensions.max(2), ..kept });
-        params.embedding = kernel.params(dimensions)?.or(kept);
+        params.embedding = kernel.params(self.parts.unwrap_or(two_means::DIMENSIONS), params.embedding);
         Ok(())
     }
 }

@@ -132,16 +132,22 @@ impl Cut<'_> {
     }
 }
 
-/// The embedding of the `faces` faces of the mesh in the work directory, as `embed` made it, and its dimensions; made
-/// now where there is none of the rows that are there, with the options of the one before or those of its default.
+/// The embedding of the `faces` faces of the mesh in the work directory, and its dimensions: the one that was asked for
+/// to cluster in, else as `embed` made it. Made now where there is none of the rows that are there, with the options
+/// of the one before or those of its default.
 fn embedding(
     method: &SegmentParams,
     faces: usize,
     mesh: Option<&Mesh>,
     context: Context<'_>,
 ) -> Result<(MappedSlice<f32>, usize), Error> {
-    let params = || embed::kept_params(context.work).unwrap_or(EmbeddingParams::for_parts(two_means::DIMENSIONS));
-    let facts = match (embed::kept(context.work), mesh) {
+    let clustered = method.embedding.filter(|_| method.cluster != Cluster::Parts);
+    let params = || {
+        let params = clustered.or_else(|| embed::kept_params(context.work));
+        params.unwrap_or(EmbeddingParams::for_parts(two_means::DIMENSIONS))
+    };
+    let kept = embed::kept(context.work).filter(|kept| clustered.is_none_or(|params| params == kept.params));
+    let facts = match (kept, mesh) {
         (Some(facts), _) => facts,
         (None, Some(mesh)) => embed::embed_again(mesh, params(), method, context)?,
         (None, None) => embed::embed(params(), method, context)?,

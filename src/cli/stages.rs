@@ -315,7 +315,7 @@ pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
 pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let dimensions = args.dimensions.map_or(two_means::DIMENSIONS, usize::from);
-    let params = args.kernel.params(dimensions)?.unwrap_or(EmbeddingParams::for_parts(dimensions));
+    let params = args.kernel.params(dimensions, None).unwrap_or(EmbeddingParams::for_parts(dimensions));
     let params = EmbeddingParams { dimensions, ..params };
     let (work, record, run) = reopen(&args.place, args.run.seed, args.run.run(&bars, app))?;
     embed::embed(params, &record.params, Context::new(&work, &run))?;
@@ -422,7 +422,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         let kept = Labels::read(&work)?;
         let (mut names, colours) = (kept.names(), kept.colours());
         named(&mut names, args.names.as_deref(), colours.len())?;
-        let Labels { labels, quality, parts, edits } = kept;
+        let Labels { labels, quality, parts, edits, .. } = kept;
         let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &names };
         let agreement: Vec<f64> = parts.iter().filter_map(|part| part.expected_agreement).collect();
         let report = || {

@@ -240,6 +240,37 @@ fn k_means_has_columns_of_its_embedding_without_a_work_directory_too() {
         std::fs::read(&table).unwrap()
     };
     assert!(written(&[]) == written(&["--work-dir", word(work)]));
+    // Regression: columns were of the default kernel whatever kernel the labels are of.
+    let of_cauchy = written(&["--kernel", "cauchy"]);
+    let kept = &work.with_extension("kept");
+    let words =
+        ["--cluster", "kmeans", "-k", "4", "--order", "hilbert", "--kernel", "cauchy", "--work-dir", word(kept)];
+    segment(mesh, &[&["-q", "-o", word(out)], &words[..]].concat());
+    stage(&["embed", "-q", "-d", "4", "--kernel", "cauchy"], kept);
+    stage(&["export", "-q", "--embedding-columns", "-o", word(&table)], kept);
+    assert!(of_cauchy == std::fs::read(&table).unwrap());
+}
+
+/// One option of the embedding brought the others back to their defaults.
+#[test]
+fn options_of_the_embedding_are_kept_one_by_one() {
+    let Scene { mesh, work, out, .. } = &scene(2_000, false);
+    let kept = ["--cluster", "kmeans", "-k", "4", "--sigma", "0.4", "--no-unit-rows"];
+    segment(mesh, &[&["-q", "--work-dir", word(work), "-o", word(out)], &kept[..]].concat());
+    let report = work.with_extension("json");
+    let told = |words: &[&str]| {
+        let json = format!("--json={}", word(&report));
+        stage(&[&["cluster", "-q", "-k", "4", &json], words].concat(), work);
+        let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
+        report["options"]["embedding"].clone()
+    };
+    let first = told(&[]);
+    let mut expected = first.clone();
+    expected["kernel"] = told(&["--cluster", "kmeans", "--kernel", "cauchy"])["kernel"].clone();
+    assert_ne!(expected, first);
+    assert_eq!(told(&["--kernel", "cauchy"]), expected);
+    // A width suits its normalisation: another one has its own default.
+    assert_ne!(told(&["--normalise", "degree"])["width"], first["width"]);
 }
 
 /// A page of `export` told of the options of `segment`, so edits that were saved there began from another cut; under
