@@ -34,6 +34,11 @@ pub fn choice<T: Choice>() -> impl TypedValueParser<Value = T> {
     })
 }
 
+/// What `value` is called on the command line.
+pub fn name_of<T: Choice + PartialEq>(value: T) -> &'static str {
+    T::CHOICES.iter().find(|(choice, ..)| *choice == value).map_or("", |(_, name, _)| name)
+}
+
 impl Choice for Sampling {
     const CHOICES: &'static [Named<Self>] = &[
         (Self::Farthest, "farthest", "Max–min farthest points, starting at an extremity (§6.2 of the paper)"),

@@ -1,10 +1,11 @@
 //! `quality` and `study`: how good samples are, by the paper's Γ and by other measures, on meshes and on random points.
 
-use super::choices::choice;
+use super::choices::{choice, name_of};
 use super::input::open_file;
 use super::method::MetricArgs;
 use super::options::{AppContext, CliError, RunArgs, ScratchArgs, misfit};
 use super::output::{JsonArgs, check_charts};
+use super::progress::counted;
 use super::sink::{Sink, check_places};
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
@@ -189,8 +190,9 @@ fn tell(records: &[SampleRecord], args: &QualityArgs, run: &Run) -> Result<()> {
     if let Some(path) = &args.csv {
         Sink::of(path).write(&to_csv(records))?;
     }
-    let title =
-        format!("{} meshes, {} seeds, {:?} kernel", args.meshes.len(), args.seeds.unwrap_or(SEEDS), args.kernel);
+    let meshes = if args.meshes.len() == 1 { "1 mesh".into() } else { format!("{} meshes", args.meshes.len()) };
+    let seeds = counted(args.seeds.unwrap_or(SEEDS) as usize, "seed");
+    let title = format!("{meshes}, {seeds}, {} kernel", name_of(args.kernel));
     for path in &args.plot {
         run.cancel.check()?;
         charts::comparison(path, &lines, &title)?;

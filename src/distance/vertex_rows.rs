@@ -49,8 +49,9 @@ fn chosen(surface: Surface<'_>, sampler: &dyn Sampler, l: usize, context: Contex
     let mut field = context.work.array::<f32>("nearest.tmp", &[nodes.len()])?;
     let mut found = Vec::with_capacity(l);
     let mut front = Front::new(mean_weight(graph));
-    let mut space =
-        GraphSpace::new(SearchGraph { graph, nodes: nodes.into(), lengths: None }, &mut front, &(), context.run);
+    // Steps of a vertex graph are lengths.
+    let search = SearchGraph { graph, nodes: nodes.into(), lengths: Some(graph) };
+    let mut space = GraphSpace::new(search, &mut front, &(), context.run);
     space.sample(sampler, l, field.data(), &mut |landmark, _| {
         found.push(landmark);
         Ok(())

@@ -108,6 +108,11 @@ impl Sampling {
         self == Self::GeodesicFarthest
     }
 
+    /// Whether l landmarks are the first of those of a greater l: all samplings but centroids, which move.
+    pub fn is_nested(self) -> bool {
+        self != Self::Centroids
+    }
+
     /// The sampler that goes by `params`.
     pub fn sampler(self, params: SamplingParams) -> Box<dyn Sampler> {
         match self {

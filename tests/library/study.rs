@@ -399,6 +399,20 @@ fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
 }
 
 #[test]
+fn embeddings_are_of_the_landmarks_that_are_asked_for() {
+    // Regression: ten centroids were the first of twenty, and greedy landmarks went by the exponential kernel alone.
+    let small = small(Metric::Geodesic, 5000);
+    let errors = |sampling, landmarks: &[usize], kernel| {
+        let params = CompareParams::default().landmarks(landmarks.to_vec()).gamma_kernel(kernel);
+        embedding_errors(&small.ground, &params, sampling, 0, 6, &small.run).unwrap()[0].plain
+    };
+    let centroids = |landmarks| errors(Sampling::Centroids, landmarks, Kernel::Exponential);
+    assert_eq!(centroids(&[10, 20]), centroids(&[10]));
+    let greedy = |kernel| errors(Sampling::Greedy, &[5], kernel);
+    assert_ne!(greedy(Kernel::Exponential), greedy(Kernel::Gaussian));
+}
+
+#[test]
 fn meshes_of_one_name_are_compared_each_with_itself() {
     // Regression: the samples of the second were compared with random ones of the first.
     let dir = tempfile::tempdir().unwrap();

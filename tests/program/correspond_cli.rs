@@ -197,6 +197,20 @@ fn a_mirror_image_is_matched_with_its_own_side_turned() {
     assert!(told["alignments"][0]["orientation"].as_f64().unwrap() > 0.3, "{told}");
 }
 
+/// They were refused, since the search had not been told that the graph's steps are lengths.
+#[test]
+fn landmarks_by_length_alone_are_the_farthest_ones() {
+    let (dir, a, b) = files();
+    permuted(&a, &b, false);
+    let found = ["farthest", "geodesic-farthest"].map(|sampling| {
+        let out = dir.path().join(sampling).with_extension("npy");
+        let output = correspond(&a, &b, &["-q", "--refine", "none", "--sampling", sampling, "-o", word(&out)]);
+        assert!(output.status.success(), "{}", errors(&output));
+        std::fs::read(out).unwrap()
+    });
+    assert!(found[0] == found[1]);
+}
+
 #[test]
 fn what_makes_no_sense_is_refused_in_a_line() {
     let (dir, a, b) = files();

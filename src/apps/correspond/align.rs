@@ -347,7 +347,7 @@ pub fn candidates(a: &[f64], b: &[f64]) -> Vec<DMatrix<f64>> {
                 continue;
             }
             for degrees in [90f64, 45., -45.] {
-                let (sin, cos) = degrees.to_radians().sin_cos();
+                let (sin, cos) = libm::sincos(degrees.to_radians());
                 let mut turn = DMatrix::identity(k, k);
                 turn[(i, i)] = cos;
                 turn[(i + 1, i + 1)] = cos;

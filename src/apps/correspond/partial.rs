@@ -107,7 +107,7 @@ pub struct PartialOutcome {
 impl PartialOutcome {
     fn rank(&self) -> f64 {
         let distances = self.disagreement / (self.agreeing * self.covered * self.covered).max(1e-3);
-        distances * (HEAT_FLOOR + self.heat).powf(self.intact)
+        distances * libm::pow(HEAT_FLOOR + self.heat, self.intact)
     }
 }
 
@@ -304,8 +304,8 @@ impl<'a> Heat<'a> {
         let area = (unit * unit * graph.facts.area).max(1e-300);
         let functions = || basis.at(v as usize)[..self.counts[side]].iter().zip(&basis.frequencies);
         TIMES.map(|time| {
-            let one = |(x, frequency): (&f32, &f64)| (-time * frequency / self.highest).exp() * f64::from(x * x);
-            (functions().map(one).sum::<f64>() / area).max(1e-300).ln()
+            let one = |(x, frequency): (&f32, &f64)| libm::exp(-time * frequency / self.highest) * f64::from(x * x);
+            libm::log((functions().map(one).sum::<f64>() / area).max(1e-300))
         })
     }
 

@@ -1,8 +1,8 @@
 //! Samplings × numbers of landmarks × seeds on one mesh, under one σ: Fig. 5 of the paper, in numbers; and how far the
 //! extrapolated embeddings are from the true one.
 //!
-//! Samplings are nested (l landmarks are the first of those of a greater l), so each is run once per seed, at the
-//! greatest l; [`Sampling::Centroids`] is not, and is run for every l. Runs go over threads. Memory: a field of 4 n
+//! Most samplings are nested ([`Sampling::is_nested`]), so each is run once per seed, at the greatest l; one that is
+//! not is run for every l. Runs go over threads. Memory: a field of 4 n
 //! bytes per thread from the budget; rows are in the matrix of all distances, or in mapped files that go with the run.
 //!
 //! The true embedding ([`embedding_errors`]) consists of the leading eigenvectors of all of W times the roots of their
@@ -150,12 +150,12 @@ pub fn compare(
     let most = counts.iter().copied().max().unwrap_or(0);
     let mut jobs = Vec::new();
     for sampling in each_once(params.samplings.iter().copied()) {
-        let sizes = if sampling == Sampling::Centroids { counts.clone() } else { vec![most] };
+        let sizes = if sampling.is_nested() { vec![most] } else { counts.clone() };
         for seed in each_once(params.seeds.iter().copied()) {
             jobs.extend(sizes.iter().map(|&l| (sampling, seed, l)));
         }
     }
-    let bytes = 4 * (ground.len() * context.run.threads) as u64;
+    let bytes = 4 * (ground.len() * context.run.threads.min(jobs.len())) as u64;
     let _grant = context.run.budget.take("fields of samplings", bytes, bytes)?;
     let one = Run {
         threads: 1,
@@ -175,7 +175,7 @@ pub fn compare(
                 let name = format!("rows-{k}.tmp");
                 let rows = Rows::of(ground, &landmarks, &name, Context::new(context.work, &one))?;
                 let sizes = counts.iter().copied();
-                let wanted = sizes.filter(|&size| sampling != Sampling::Centroids || size == l);
+                let wanted = sizes.filter(|&size| sampling.is_nested() || size == l);
                 let records: Result<Vec<SampleRecord>> = wanted
                     .map(|l| {
                         let sample = Sample { mesh, sampling, seed, landmarks: &landmarks[..l], search: search[l - 1] };
@@ -345,7 +345,7 @@ pub struct EmbeddingError {
 }
 
 /// The errors of `d` coordinates for each number of landmarks in `params`, under its kernel and width; landmarks are
-/// those of `sampling` under `seed`.
+/// those of `sampling` under `seed`, which may go by its kernel of Γ.
 ///
 /// # Errors
 /// [`Error::Parameter`] where `ground` does not hold all distances, [`Error::Cancelled`].
@@ -381,11 +381,20 @@ pub fn embedding_errors(
     };
     let (even, by_area) = (truth(&ones), truth(&weights));
     let most = sizes.iter().copied().max().unwrap_or(0).min(n);
-    let (found, _) = landmarks(ground, sampling, most, seed, &CompareParams::default(), run)?;
+    let first_of = |l: usize| landmarks(ground, sampling, l, seed, params, run).map(|(found, _)| found);
+    let nested = if sampling.is_nested() { Some(first_of(most)?) } else { None };
     let one = |&l: &usize| {
         let l = l.min(n);
-        let rows: Vec<&[f32]> = found[..l].iter().map(|&i| &matrix[i as usize * n..(i as usize + 1) * n]).collect();
-        let block = AffinityBlock::new(&found[..l], rows, kernel, Bandwidth::Global(sigma));
+        let own;
+        let found = match &nested {
+            Some(found) => &found[..l],
+            None => {
+                own = first_of(l)?;
+                &own
+            }
+        };
+        let rows: Vec<&[f32]> = found.iter().map(|&i| &matrix[i as usize * n..(i as usize + 1) * n]).collect();
+        let block = AffinityBlock::new(found, rows, kernel, Bandwidth::Global(sigma));
         let tolerance = kernel.tolerance(l);
         let error = |how, weights: Option<&[f64]>, truth: &DMatrix<f64>| -> Result<f64> {
             let weigh = weights.map(|weights| move |node: usize| weights[node]);

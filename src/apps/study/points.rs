@@ -143,7 +143,7 @@ pub fn pairs(params: PointsParams, seed: u64, run: &Run) -> Result<Vec<SamplePai
 
 /// Two independent normal numbers (Box and Muller).
 fn normal(draw: &mut crate::base::random::Random) -> [f64; 2] {
-    let radius = (-2. * (1. - unit(draw)).ln()).sqrt();
-    let (sin, cos) = (std::f64::consts::TAU * unit(draw)).sin_cos();
+    let radius = (-2. * libm::log(1. - unit(draw))).sqrt();
+    let (sin, cos) = libm::sincos(std::f64::consts::TAU * unit(draw));
     [radius * cos, radius * sin]
 }
