@@ -61,6 +61,8 @@ fn what_is_wrong_is_said_in_a_line() {
         (vec!["--up", "q"], 2, "is no axis"),
         (vec!["--labels", "x.txt"], 2, ".seg or .npy"),
         (vec!["--labels", "l.seg"], 1, "2 labels for 4 faces"),
+        // The whole picture was not counted, only one of its views.
+        (vec!["--size", "6000x6000", "--views", "64", "--max-memory", "150MB"], 1, "the picture needs"),
     ] {
         let output = program().current_dir(dir.path()).arg("picture").arg(&mesh).args(&args).output().unwrap();
         let text = errors(&output);

@@ -93,7 +93,9 @@ pub fn render_named(
     let room = params.width - legend.as_ref().map_or(0, Legend::width).min(params.width / 2);
     let sheet = Sheet::of(&extents, room, params.height);
     let smooth = mesh.positions.len() <= SMOOTH;
-    let bytes = sheet.bytes(params.samples) + if smooth { 12 * mesh.positions.len() as u64 } else { 0 };
+    // The picture itself, and what is written of it.
+    let whole = 7 * (params.width * params.height) as u64;
+    let bytes = whole + sheet.bytes(params.samples) + if smooth { 12 * mesh.positions.len() as u64 } else { 0 };
     let _grant = run.budget.take("the picture", bytes, bytes)?;
     let vertex_normals = if smooth { Some(VertexNormals::of(mesh, run)?) } else { None };
     // Labels may be numbered into the billions: nothing more is held of each.

@@ -215,6 +215,8 @@ const PALE: [f32; 3] = [0.13; 3];
 
 /// Letters of a name that the legend shows.
 const LONGEST: usize = 24;
+/// What faces are called that are in no part, or in one beyond those that a legend tells apart.
+const OTHERS: &str = "other faces";
 
 /// A line of the legend.
 #[derive(Clone, Debug, PartialEq)]
@@ -236,7 +238,8 @@ pub(super) struct Legend {
 }
 
 impl Legend {
-    /// The legend for a picture of `width` × `height`; none where it is too small, or there is only one part.
+    /// The legend for a picture of `width` × `height`, of the `areas` of the parts that have `colours`, and last of what
+    /// is in none of them; none where it is too small, or there is only one part.
     pub(super) fn of(
         areas: &[f64],
         (colours, names): (&[[u8; 3]], &[String]),
@@ -248,11 +251,10 @@ impl Legend {
             .iter()
             .enumerate()
             .filter(|(_, area)| **area > 0.0)
-            .map(|(label, area)| Entry {
-                label,
-                text: shown(names.get(label).map_or("", String::as_str), label),
-                colour: colours.get(label).copied().unwrap_or(GREY),
-                share: area / total,
+            .map(|(label, area)| {
+                let colour = colours.get(label).copied();
+                let name = if colour.is_some() { names.get(label).map_or("", String::as_str) } else { OTHERS };
+                Entry { label, text: shown(name, label), colour: colour.unwrap_or(GREY), share: area / total }
             })
             .collect();
         sort_by(&mut entries, |a, b| b.share.total_cmp(&a.share).then(a.label.cmp(&b.label)));
