@@ -19,16 +19,18 @@ rule batch:
         "../envs/nystrom-stream.yaml"
     threads: config["threads"]
     resources:
-        mem_mb=lambda w, attempt: mem_mb(largest(w), "", None, attempt),
-        disk_mb=lambda w: disk_mb(largest(w)),
+        mem_mb=lambda w, attempt: mem_mb(
+            largest(w), ARCHIVE_OPTIONS, None, attempt
+        ),
+        disk_mb=lambda w: disk_mb(largest(w), ARCHIVE_OPTIONS),
         runtime=lambda w, attempt: runtime(
-            largest(w), "", None, attempt, len(BATCHES[w.batch])
+            largest(w), ARCHIVE_OPTIONS, None, attempt, len(BATCHES[w.batch])
         ),
     params:
         program=PROGRAM,
         names=lambda w: BATCHES[w.batch],
         meshes=meshes_of,
-        options=config.get("archive", {}).get("options", ""),
+        options=ARCHIVE_OPTIONS,
         max_memory=config["max_memory"],
     script:
         "../scripts/batch.py"

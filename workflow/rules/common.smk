@@ -108,8 +108,7 @@ def is_exact(name):
 def row_options(wildcards):
     """Options of the rows, which are over all faces unless `exact` is false: then the default method contracts a large mesh."""
     options = settings(wildcards.mesh).get("rows", "")
-    exact = is_exact(wildcards.mesh) and "--cluster" not in options
-    return f"{options} --exact".strip() if exact else options
+    return f"{options} --exact".strip() if is_exact(wildcards.mesh) else options
 
 
 def cut_options(wildcards):
@@ -220,10 +219,15 @@ def largest(wildcards):
     return max(there, key=os.path.getsize, default="")
 
 
+ARCHIVE_OPTIONS = config.get("archive", {}).get("options", "")
+
+
 # The sweep.
 SWEEP = config.get("sweep", {})
 SWEEP_MESH = SWEEP.get("mesh", "")
 SWEEP_ROWS = f"--cluster kmeans -l {SWEEP.get('landmarks', 0)} {SWEEP.get('rows', '')}"
+# What is planned: rows are over all faces, and K-means needs the number of parts.
+SWEEP_PLAN = f"{SWEEP_ROWS} --exact -k {max(SWEEP.get('k', [1]))}"
 
 
 def targets_of_sweep():

@@ -1,7 +1,8 @@
 # One large mesh over several machines: rows by shards in a work directory that all of them see.
 #
 # The work directory itself is no output: shards write into it side by side. Each rule's output is the program's answer,
-# and a rule that is repeated finds what is there.
+# and a rule that is repeated finds what is there. `--force`: where the file of a mesh was replaced, its work directory is made
+# anew.
 
 
 rule prepare:
@@ -30,8 +31,8 @@ rule prepare:
         work="results/mesh/{mesh}/work",
         options=row_options,
     shell:
-        "{params.program} rows {input.mesh:q} --work-dir {params.work:q} --prepare {params.options}"
-        " --threads {threads} --max-memory {params.memory} --progress lines --json={output:q} 2> {log:q}"
+        "{params.program} rows {input.mesh:q} --work-dir {params.work:q} --force --prepare {params.options}"
+        " --threads {threads} --max-memory {params.memory:q} --progress lines --json={output:q} 2> {log:q}"
 
 
 rule rows:
@@ -59,7 +60,7 @@ rule rows:
         options=row_options,
     shell:
         "{params.program} rows {input.mesh:q} --work-dir {params.work:q} --shard {wildcards.i}/{wildcards.of}"
-        " {params.options} --threads {threads} --max-memory {params.memory} --progress lines"
+        " {params.options} --threads {threads} --max-memory {params.memory:q} --progress lines"
         " --json={output:q} 2> {log:q}"
 
 
@@ -127,7 +128,7 @@ rule cut:
         options=cut_options,
     shell:
         "{params.program} cluster --work-dir {params.work:q} {params.options} -o {output.labels:q} -o {output.picture:q}"
-        " --threads {threads} --max-memory {params.memory} --progress lines --json={output.answer:q} 2> {log:q}"
+        " --threads {threads} --max-memory {params.memory:q} --progress lines --json={output.answer:q} 2> {log:q}"
 
 
 rule efficiency:

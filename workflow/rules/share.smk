@@ -1,7 +1,8 @@
 # One large mesh cut by the default recipe over several machines, with `exact: false`: the normals, the contraction, the rows over
 # it, and where asked for the two fronts of boundaries, each by shards in a work directory that all of them see.
 #
-# Each step waits for all shares of the one before. `cut` (mesh.smk) does the rest.
+# Each step waits for all shares of the one before. `cut` (mesh.smk) does the rest. `--force`: where the file of a mesh was
+# replaced, its work directory is made anew.
 
 
 rule share_prepare:
@@ -31,8 +32,8 @@ rule share_prepare:
         work="results/mesh/{mesh}/work",
         options=share_options,
     shell:
-        "{params.program} share {wildcards.step} {input.mesh:q} --work-dir {params.work:q} --prepare {params.options}"
-        " --threads {threads} --max-memory {params.memory} --progress lines --json={output:q} 2> {log:q}"
+        "{params.program} share {wildcards.step} {input.mesh:q} --work-dir {params.work:q} --force --prepare {params.options}"
+        " --threads {threads} --max-memory {params.memory:q} --progress lines --json={output:q} 2> {log:q}"
 
 
 rule share:
@@ -62,5 +63,5 @@ rule share:
         options=share_options,
     shell:
         "{params.program} share {wildcards.step} {input.mesh:q} --work-dir {params.work:q}"
-        " --shard {wildcards.i}/{wildcards.of} {params.options} --threads {threads} --max-memory {params.memory}"
+        " --shard {wildcards.i}/{wildcards.of} {params.options} --threads {threads} --max-memory {params.memory:q}"
         " --progress lines --json={output:q} 2> {log:q}"

@@ -15,18 +15,18 @@ rule sweep_rows:
         "../envs/nystrom-stream.yaml"
     threads: config["threads"]
     resources:
-        mem_mb=lambda w, attempt: mem_mb(SWEEP_MESH, SWEEP_ROWS, None, attempt),
-        disk_mb=lambda w: disk_mb(SWEEP_MESH, SWEEP_ROWS),
-        runtime=lambda w, attempt: runtime(SWEEP_MESH, SWEEP_ROWS, None, attempt),
+        mem_mb=lambda w, attempt: mem_mb(SWEEP_MESH, SWEEP_PLAN, None, attempt),
+        disk_mb=lambda w: disk_mb(SWEEP_MESH, SWEEP_PLAN),
+        runtime=lambda w, attempt: runtime(SWEEP_MESH, SWEEP_PLAN, None, attempt),
     params:
         program=PROGRAM,
         memory=config["max_memory"],
         work="results/sweep/{sampling}-{seed}/work",
         options=SWEEP_ROWS,
     shell:
-        "{params.program} rows {input.mesh:q} --work-dir {params.work:q} {params.options}"
+        "{params.program} rows {input.mesh:q} --work-dir {params.work:q} --force {params.options}"
         " --sampling {wildcards.sampling} --seed {wildcards.seed} --threads {threads}"
-        " --max-memory {params.memory} --progress lines --json={output:q} 2> {log:q}"
+        " --max-memory {params.memory:q} --progress lines --json={output:q} 2> {log:q}"
 
 
 rule sweep_point:
@@ -44,8 +44,8 @@ rule sweep_point:
         "../envs/nystrom-stream.yaml"
     threads: config["threads"]
     resources:
-        mem_mb=lambda w, attempt: mem_mb(SWEEP_MESH, SWEEP_ROWS, ("labels",), attempt),
-        runtime=lambda w, attempt: runtime(SWEEP_MESH, SWEEP_ROWS, ("labels",), attempt),
+        mem_mb=lambda w, attempt: mem_mb(SWEEP_MESH, SWEEP_PLAN, ("labels",), attempt),
+        runtime=lambda w, attempt: runtime(SWEEP_MESH, SWEEP_PLAN, ("labels",), attempt),
     params:
         program=PROGRAM,
         memory=config["max_memory"],
@@ -56,7 +56,7 @@ rule sweep_point:
         "(rm -rf {params.work:q} && mkdir -p {params.work:q}"
         " && find {params.rows:q} -maxdepth 1 -type f ! -name lock -exec ln -t {params.work:q} {{}} +"
         " && {params.program} cluster --work-dir {params.work:q} --cluster kmeans -k {wildcards.k}"
-        " --kernel {wildcards.kernel} --threads {threads} --max-memory {params.memory} --progress lines"
+        " --kernel {wildcards.kernel} --threads {threads} --max-memory {params.memory:q} --progress lines"
         " -o {output.labels:q} --json={output.answer:q} && rm -rf {params.work:q}) 2> {log:q}"
 
 

@@ -5,6 +5,7 @@ folder is made under another name and renamed when whole.
 """
 
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -22,7 +23,7 @@ def segment(name, mesh):
     folder = partial / f"mesh={name}"
     folder.mkdir(parents=True, exist_ok=True)
     report = folder / "report.json"
-    words = [snakemake.params.program, "segment", mesh, *snakemake.params.options.split()]
+    words = [snakemake.params.program, "segment", mesh, *shlex.split(snakemake.params.options)]
     words += ["-o", str(folder / "part-0.parquet"), f"--json={report}", "--progress", "none"]
     words += ["--threads", str(snakemake.threads), "--max-memory", snakemake.params.max_memory]
     done = subprocess.run(words, stderr=subprocess.PIPE, text=True, check=False)
@@ -32,8 +33,8 @@ def segment(name, mesh):
     if done.returncode == 0:
         told = json.loads(report.read_text())
         report.unlink()
-        keys = ("label", "faces", "area", "area_share")
-        parts = [{key: part[key] for key in keys if key in part} for part in told["parts"]]
+        keys = ("label", "faces", "area")
+        parts = [{key: part[key] for key in keys} for part in told["parts"]]
         return {**line, "faces": told["input"]["faces"], "seconds": told["seconds"]["total"], "parts": parts}
     shutil.rmtree(folder)
     if done.returncode == 1:
