@@ -17,7 +17,7 @@ use crate::store::new_file::by_rename;
 use crate::store::{MappedBytes, Run};
 use std::path::Path;
 use target::Target;
-use text::{Lines, obj, off};
+use text::{Lines, obj, of_text, off};
 
 /// A format that is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,8 +28,45 @@ pub(in crate::mesh) enum Format {
     Stl,
 }
 
-/// Statements of OBJ files.
-const OBJ: [&[u8]; 11] = [b"v", b"vn", b"vt", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl", b"l", b"vp"];
+/// Statements of OBJ files; those of curves, surfaces and rendering are passed over.
+const OBJ: [&[u8]; 36] = [
+    b"v",
+    b"vn",
+    b"vt",
+    b"vp",
+    b"f",
+    b"l",
+    b"p",
+    b"o",
+    b"g",
+    b"s",
+    b"mg",
+    b"mtllib",
+    b"usemtl",
+    b"maplib",
+    b"usemap",
+    b"cstype",
+    b"deg",
+    b"bmat",
+    b"step",
+    b"curv",
+    b"curv2",
+    b"surf",
+    b"parm",
+    b"trim",
+    b"hole",
+    b"scrv",
+    b"sp",
+    b"con",
+    b"end",
+    b"lod",
+    b"bevel",
+    b"c_interp",
+    b"d_interp",
+    b"ctech",
+    b"stech",
+    b"call",
+];
 /// Lines that are looked at to recognise one.
 const LOOK: usize = 64;
 
@@ -89,7 +126,7 @@ pub fn name(path: &Path, bytes: &[u8]) -> String {
 /// # Errors
 /// [`Error::Unusable`] for formats that are known but not read, and for files named as PLY that are of another format.
 pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
-    let start = bytes.trim_ascii_start();
+    let start = of_text(bytes).trim_ascii_start();
     let ending = ending(path);
     let is_ply = start.get(..3).is_some_and(|word| word.eq_ignore_ascii_case(b"ply"))
         && start.get(3).is_none_or(u8::is_ascii_whitespace);
@@ -138,7 +175,7 @@ pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
 
 /// Whether `head`, the first bytes of a file, begin as OFF does.
 fn is_off(head: &[u8]) -> bool {
-    off::is_keyword(head.split(|&byte| byte <= b' ').next().unwrap_or_default())
+    Lines::new(head, false).next().is_some_and(|line| line.words().next().is_some_and(off::is_keyword))
 }
 
 /// Whether all lines of `head`, the first bytes of a file, are statements of OBJ.

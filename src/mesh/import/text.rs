@@ -15,6 +15,13 @@ pub(super) struct Line<'a> {
     pub text: &'a [u8],
 }
 
+/// `bytes` without a mark of their order in front, and at the end without zeros and the end of file of DOS.
+pub(super) fn of_text(bytes: &[u8]) -> &[u8] {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let end = bytes.iter().rposition(|byte| !matches!(byte, 0 | 0x1a)).map_or(0, |last| last + 1);
+    &bytes[..end]
+}
+
 /// The lines that are not blank; `#` begins a remark ([`remark`]). With `joined`, as in OBJ, a backslash at the end
 /// goes on with the next line.
 pub(super) struct Lines<'a> {
@@ -26,8 +33,7 @@ pub(super) struct Lines<'a> {
 impl<'a> Lines<'a> {
     /// The lines of `bytes`.
     pub(super) fn new(bytes: &'a [u8], joined: bool) -> Self {
-        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-        Self { rest: bytes, number: 0, joined }
+        Self { rest: of_text(bytes), number: 0, joined }
     }
 
     /// Where the line ends, and where the next begins.

@@ -3,22 +3,45 @@
 //! Other programs ignore remarks and most keep them. Cost: a line per name.
 
 use super::document::Document;
-use crate::base::printable::line;
 
 /// What such remarks begin with.
 const START: &str = "comment part ";
 
-/// The remarks that tell `names`, one per part, empty for none.
+/// The remarks that tell `names`, one per part, empty for none. Headers are ASCII, and some programs refuse others: what
+/// is none is escaped as in Rust (`K\u{f6}rper`), and so is the backslash.
 pub(super) fn remarks(names: &[String]) -> Vec<Vec<u8>> {
+    let escaped = |name: &str| -> String {
+        let plain = |c: char| matches!(c, ' '..='~') && c != '\\';
+        name.chars().map(|c| if plain(c) { c.to_string() } else { c.escape_default().to_string() }).collect()
+    };
     let named = names.iter().enumerate().filter(|(_, name)| !name.is_empty());
-    named.map(|(part, name)| format!("{START}{part}: {}", line(name)).into_bytes()).collect()
+    named.map(|(part, name)| format!("{START}{part}: {}", escaped(name)).into_bytes()).collect()
 }
 
 /// The part and its name, where `remark` tells one.
 pub(super) fn told(remark: &[u8]) -> Option<(u32, String)> {
     let text = String::from_utf8_lossy(remark.strip_prefix(START.as_bytes())?);
     let (part, name) = text.split_once(": ")?;
-    Some((part.parse().ok()?, name.to_string()))
+    Some((part.parse().ok()?, unescaped(name)))
+}
+
+/// `text` with the characters that its escapes stand for; what is no escape stays.
+fn unescaped(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some((before, after)) = rest.split_once('\\') {
+        out.push_str(before);
+        let hexadecimal = || {
+            let (digits, after) = after.strip_prefix("u{")?.split_once('}')?;
+            Some((char::from_u32(u32::from_str_radix(digits, 16).ok()?)?, after))
+        };
+        let one = |letter: char, c: char| Some((c, after.strip_prefix(letter)?));
+        let found = one('\\', '\\').or_else(|| one('n', '\n')).or_else(|| one('t', '\t')).or_else(|| one('r', '\r'));
+        let (c, after) = found.or_else(hexadecimal).unwrap_or(('\\', after));
+        out.push(c);
+        rest = after;
+    }
+    out + rest
 }
 
 /// The names that the header of `document` tells, by part: empty for none, and no more than `parts`.
@@ -40,10 +63,13 @@ mod tests {
 
     #[test]
     fn what_is_told_is_read_again() {
-        let names = ["left arm: upper".to_string(), String::new(), "Kopf ö".into()];
+        let names = ["left arm: upper", "", "Kopf ö", "a\\n\nb\t頭 \\u{41}"].map(String::from);
         let remarks = remarks(&names);
+        // Regression: plyfile refuses headers that are not ASCII.
+        assert!(remarks.iter().all(|remark| remark.iter().all(|byte| (b' '..=b'~').contains(byte))));
         let told: Vec<_> = remarks.iter().filter_map(|remark| told(remark)).collect();
-        assert_eq!(told, [(0, names[0].clone()), (2, names[2].clone())]);
+        assert_eq!(told, [0, 2, 3].map(|part| (part, names[part as usize].clone())));
+        assert_eq!(unescaped(r"C:\parts \u{d800} \"), r"C:\parts \u{d800} \");
         for other in
             ["comment part", "comment part x: y", "comment part 1 : y", "comment made by hand", "comment part 1:y"]
         {
