@@ -8,6 +8,7 @@ use super::listener::{run, watched};
 use super::{arrays, raised};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, ToPyArray};
 use nystrom_stream::Mesh;
+use nystrom_stream::mesh::polygon;
 use nystrom_stream::store::{Budget, PrivateFolder, Run, private_folder};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -175,15 +176,19 @@ impl PyMesh {
         Ok((PyArray1::from_vec(py, starts), PyArray1::from_vec(py, all)))
     }
 
-    /// Triangles (t, 3), polygons as fans, and the face of each (t,).
+    /// Triangles (t, 3), of a polygon those that do not leave it, and the face of each (t,).
     fn triangles<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<i64>>)> {
-        let polygons = &self.current()?.faces;
-        let (mut triangles, mut faces) = (Vec::with_capacity(polygons.len()), Vec::new());
-        polygons.for_each(0..polygons.len(), |face, at| {
-            for k in 1..at.len().saturating_sub(1) {
-                triangles.push([at[0], at[k], at[k + 1]]);
+        let mesh = self.current()?;
+        let (mut triangles, mut faces) = (Vec::with_capacity(mesh.faces.len()), Vec::new());
+        let mut at: Vec<[f64; 3]> = Vec::new();
+        mesh.faces.for_each(0..mesh.faces.len(), |face, corners| {
+            at.clear();
+            // Of a triangle, positions do not matter.
+            at.extend(corners.iter().map(|&vertex| if corners.len() > 3 { mesh.positions.get(vertex) } else { [0.; 3] }));
+            polygon::triangles(&at, |triangle| {
+                triangles.push(triangle.map(|corner| corners[corner]));
                 faces.push(face as i64);
-            }
+            });
         });
         Ok((rows(py, &triangles)?, PyArray1::from_vec(py, faces)))
     }

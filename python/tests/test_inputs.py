@@ -273,3 +273,14 @@ def test_what_a_form_loses_is_warned_of(mesh, tmp_path):
     far = nystrom_stream.segment(np.asarray(vertices, np.float64) + 1e9, faces, 3)
     with pytest.warns(UserWarning, match="STL"):
         far.save(tmp_path / "parts", part_form="stl")
+
+
+def test_polygons_become_triangles_that_do_not_leave_them(tmp_path):
+    # Regression: they were fans, so that the notch of an L was filled.
+    corners = [(3, 1), (1, 1), (1, 3), (0, 3), (0, 0), (3, 0)]
+    path = tmp_path / "l.obj"
+    path.write_text("".join(f"v {x} {y} 0\n" for x, y in corners) + "f 1 2 3 4 5 6\n")
+    vertices, triangles = nystrom_stream.read_mesh(path)
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert len(triangles) == 4 and area == pytest.approx(5)

@@ -194,7 +194,7 @@ def segment_file(path: Path, parts: Optional[int] = None, **options: Any) -> Seg
 
 
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
-    """Reads a mesh file: vertices (v, 3) float64 and triangles (n, 3) uint32; polygons are cut into fans."""
+    """Reads a mesh file: vertices (v, 3) float64 and triangles (n, 3) uint32; polygons are cut into triangles."""
     mesh = _native.Mesh.open(as_path("path", path), *DEFAULT)
     return np.asarray(mesh.vertices(), np.float64), mesh.triangles()[0]
 

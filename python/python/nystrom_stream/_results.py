@@ -38,7 +38,7 @@ class _OfMesh:
 
     @property
     def triangles(self) -> NDArray[np.uint32]:
-        """Its faces as triangles, polygons as fans: (triangles, 3) uint32."""
+        """Its faces as triangles, polygons cut into several: (triangles, 3) uint32."""
         return self._mesh.triangles()[0]
 
 
