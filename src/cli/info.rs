@@ -226,7 +226,7 @@ pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), Cl
     for file in &damaged {
         let path = work.file(&file.file);
         let text = format!(
-            "{}: {} (stage {}, {} bytes expected); delete the file, and the next nystrom-stream segment makes it anew",
+            "{}: {} (stage {}, {} bytes expected); delete the file, and the command that wrote it makes it anew",
             path.display(),
             file.problem.as_deref().unwrap_or_default(),
             file.stage,
