@@ -8,6 +8,7 @@
 
 pub mod closest_faces;
 
+use crate::base::sort::sort_by;
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use crate::graph::DualGraph;
@@ -230,45 +231,50 @@ const STOP_CHECK: usize = 1 << 18;
 /// Marks a component with an uncertain face; a mesh has fewer faces.
 const UNCERTAIN: u32 = 1 << 31;
 
-/// The label with the longest contact among the neighbours of `face`; the smallest of several.
-fn neighbour(graph: &DualGraph, labels: &[u32], face: usize) -> Option<u32> {
+/// The label with the longest contact among the neighbours of `face`; the smallest of several. `contacts` is scratch.
+fn neighbour(graph: &DualGraph, labels: &[u32], face: u32, contacts: &mut Vec<(u32, f32)>) -> Option<u32> {
+    contacts.clear();
+    let neighbours = graph.edges.by_shared_edge().neighbours(face);
+    let contact = neighbours.map(|(near, edge)| (labels[near as usize], edge.abs()));
+    contacts.extend(contact.filter(|(label, _)| *label != UNLABELLED));
+    // Stable, so that sums run in the order of the neighbours.
+    sort_by(contacts, |a, b| a.0.cmp(&b.0));
     let mut best: Option<(f32, u32)> = None;
-    let neighbours = graph.edges.by_shared_edge().neighbours(face as u32);
-    for (near, _) in neighbours.clone() {
-        let label = labels[near as usize];
-        if label == UNLABELLED {
-            continue;
-        }
-        let alike = neighbours.clone().filter(|(other, _)| labels[*other as usize] == label);
-        let contact: f32 = alike.map(|(_, edge)| edge.abs()).sum();
-        if best.is_none_or(|(most, least)| contact > most || contact == most && label < least) {
-            best = Some((contact, label));
+    for alike in contacts.chunk_by(|a, b| a.0 == b.0) {
+        let contact: f32 = alike.iter().map(|(_, edge)| edge).sum();
+        if best.is_none_or(|(most, _)| contact > most) {
+            best = Some((contact, alike[0].0));
         }
     }
     best.map(|(_, label)| label)
 }
 
-/// Gives every face a label; how many had none.
+/// Gives every face a label, ring by ring; how many had none.
 ///
 /// # Errors
 /// [`Error::Memory`] where the budget cannot hold the list of those; [`Error::Cancelled`].
 fn label_from_neighbours(graph: &DualGraph, labels: &mut [u32], run: &Run) -> Result<u64> {
     let count = labels.iter().filter(|&&label| label == UNLABELLED).count();
-    let _grant = run.budget.take("faces without label", 12 * count as u64, 12 * count as u64)?;
+    let _grant = run.budget.take("faces without label", 24 * count as u64, 24 * count as u64)?;
+    // Those that may have got a neighbour with a label.
     let mut open: Vec<u32> = Vec::with_capacity(count);
     open.extend((0..labels.len() as u32).filter(|&face| labels[face as usize] == UNLABELLED));
-    let mut ring: Vec<(u32, u32)> = Vec::new();
+    let (mut ring, mut contacts) = (Vec::new(), Vec::new());
     while !open.is_empty() {
-        run.cancel.check()?;
         ring.clear();
-        let given = |&face: &u32| neighbour(graph, labels, face as usize).map(|label| (face, label));
-        ring.extend(open.iter().filter_map(given));
-        if ring.is_empty() {
-            // No face has a label.
-            break;
+        for some in open.chunks(STOP_CHECK) {
+            run.cancel.check()?;
+            let given = |&face: &u32| neighbour(graph, labels, face, &mut contacts).map(|label| (face, label));
+            ring.extend(some.iter().filter_map(given));
         }
         ring.iter().for_each(|&(face, label)| labels[face as usize] = label);
-        open.retain(|&face| labels[face as usize] == UNLABELLED);
+        open.clear();
+        for &(face, _) in &ring {
+            let next = graph.edges.by_shared_edge().neighbours(face).map(|(near, _)| near);
+            open.extend(next.filter(|&near| labels[near as usize] == UNLABELLED));
+        }
+        open.sort_unstable();
+        open.dedup();
     }
     Ok(count as u64)
 }
