@@ -16,7 +16,9 @@ use crate::mesh::{Labelling, Mesh};
 use crate::store::npy::ArrayMut;
 use crate::store::{MappedBytes, MappedSlice, Run, WorkDir};
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::io::{Read as _, Write as _};
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 
 /// What a file of our materials begins with.
@@ -172,8 +174,9 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
             let mut text = String::from(OURS);
             for part in 0..parts {
                 let colour = labelling.colours.get(part).copied().unwrap_or([128; 3]);
-                let [r, g, b] = colour.map(|part| f64::from(part) / 255.);
-                text += &format!("newmtl part_{part}\nKd {r:.4} {g:.4} {b:.4}\nKa 0 0 0\nKs 0 0 0\nillum 1\n");
+                // Rounded up, since MeshLab rounds down when it makes bytes of them.
+                let [r, g, b] = colour.map(|part| (f64::from(part) / 255. * 1e6).ceil() / 1e6);
+                text += &format!("newmtl part_{part}\nKd {r:.6} {g:.6} {b:.6}\nKa 0 0 0\nKs 0 0 0\nd 1\nillum 1\n");
             }
             file.write_all(text.as_bytes()).map_err(Error::io(&materials, "write"))
         })?;
@@ -182,8 +185,8 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
         let mut out = Gather::new(path, file);
         out.buffer.extend_from_slice(b"# parts by nystrom-stream, an object and a group each\n");
         if own {
-            let name = materials.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            out.buffer.extend_from_slice(format!("mtllib {name}\n").as_bytes());
+            let name = materials.file_name().unwrap_or_default().as_bytes();
+            out.buffer.extend_from_slice(&[b"mtllib ", name, b"\n"].concat());
         }
         match &source {
             Some(source) => vertices_of(source, mesh.path(), path, &mut out, run)?,
@@ -198,15 +201,16 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
 }
 
 /// The files that the words after `mtllib` name in `folder`: one, if there is such a file, with blanks in its name. A
-/// remark may follow them.
+/// remark may follow them. Names are bytes: files of other programs may be in any encoding.
 fn libraries(names: &[u8], folder: &Path) -> Vec<PathBuf> {
-    let names = String::from_utf8_lossy(names);
-    let plain = names.find(" #").map_or(&*names, |at| &names[..at]);
-    let whole = [&*names, plain].map(|name| folder.join(name.trim())).into_iter().find(|place| place.exists());
-    whole.map_or_else(|| plain.split_whitespace().map(|name| folder.join(name)).collect(), |place| vec![place])
+    let place = |name: &[u8]| folder.join(OsStr::from_bytes(name.trim_ascii()));
+    let plain = names.windows(2).position(|two| two == b" #").map_or(names, |at| &names[..at]);
+    let whole = [names, plain].map(place).into_iter().find(|place| place.exists());
+    let words = || plain.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+    whole.map_or_else(|| words().map(place).collect(), |place| vec![place])
 }
 
-/// Everything of the input but faces and what is said of them.
+/// Everything of the input but faces and what is said of them; libraries of materials only where faces have some.
 fn vertices_of(source: &Source, from: &Path, to: &Path, out: &mut Gather, run: &Run) -> Result<()> {
     let folder = |path: &Path| std::path::absolute(path).ok().and_then(|path| path.parent().map(Path::to_path_buf));
     for (k, (keyword, text)) in statements(source.bytes).enumerate() {
@@ -214,10 +218,11 @@ fn vertices_of(source: &Source, from: &Path, to: &Path, out: &mut Gather, run: &
             run.cancel.check()?;
         }
         match keyword {
+            b"mtllib" if !source.has_materials => {}
             // From another folder, the materials and their pictures are found where they lie.
             b"mtllib" if folder(from) != folder(to) => {
                 for place in libraries(&text[keyword.len()..], &folder(from).unwrap_or_default()) {
-                    out.buffer.extend_from_slice(format!("mtllib {}\n", place.display()).as_bytes());
+                    out.buffer.extend_from_slice(&[b"mtllib ", place.as_os_str().as_bytes(), b"\n"].concat());
                 }
             }
             b"v" | b"vt" | b"vn" | b"vp" | b"mtllib" => {
