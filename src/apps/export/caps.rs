@@ -7,8 +7,8 @@
 //! sides of a loop get the same triangles, so volumes of parts add up to that of the whole. Polygons have the edges of
 //! their triangles too, which STL files are made of.
 //!
-//! Vertices at the same position count as one. Cost: 24 bytes per corner of the part, and 4 bytes per vertex of the
-//! mesh while it is seen where parts meet, from the budget; a sort of the edges.
+//! Vertices at the same position count as one. Cost: 24 bytes per corner of the part (STL: 32), [`OPEN`] per open edge,
+//! and 4 bytes per vertex of the mesh while it is seen where parts meet, from the budget; a sort of the edges.
 
 use crate::base::Result;
 use crate::base::sort::sort_by;
@@ -21,6 +21,9 @@ use std::collections::{BTreeSet, HashMap};
 
 /// Faces between two looks at the stop flag.
 const CHUNK: usize = 1 << 16;
+
+/// Bytes that an open edge takes while edges are joined to loops.
+const OPEN: u64 = 130;
 
 /// A corner of a cap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -183,18 +186,20 @@ fn clipped(ring: &[u32], at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<V
 }
 
 impl Caps {
-    /// Closes the part whose faces `visit` shows, of a mesh that has the edges `at_cuts`.
+    /// Closes the part whose faces `visit` shows, of a mesh that has the edges `at_cuts`. With `by_place` edges of
+    /// other vertices at the same position count as one when flaws are counted: an STL has positions alone.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`]; those of `visit`.
     pub fn of(
         mesh: &Mesh,
         at_cuts: &EdgesAtCuts,
-        corners: u64,
+        (corners, by_place): (u64, bool),
         run: &Run,
         visit: impl FnOnce(&mut dyn FnMut(&[u32])) -> Result<()>,
     ) -> Result<Self> {
-        let _grant = run.budget.take("edges of a part", 24 * corners, 24 * corners)?;
+        let bytes = if by_place { 32 } else { 24 } * corners;
+        let _grant = run.budget.take("edges of a part", bytes, bytes)?;
         let mut edges: Vec<[u32; 2]> = Vec::with_capacity(corners as usize);
         let (mut diagonals, mut nowhere) = (Vec::new(), 0);
         visit(&mut |face| {
@@ -207,6 +212,8 @@ impl Caps {
         })?;
         diagonals.sort_unstable();
         let (mut open, flaws) = without_partner(&mut edges);
+        let bytes = OPEN * open.len() as u64;
+        let _grant_of_open = run.budget.take("open edges of a part", bytes, bytes)?;
         let (welded, open, more) = weld(mesh, &mut open);
         let (all, left) = loops(open);
         let mut caps = Caps { flaws: flaws + more + left + nowhere, ..Caps::default() };
@@ -236,6 +243,9 @@ impl Caps {
                 }
             };
             caps.triangles.extend(filled.into_iter().map(|[a, b, c]| if turned { [a, c, b] } else { [a, b, c] }));
+        }
+        if by_place {
+            caps.flaws += doubled(mesh, edges, &caps.triangles);
         }
         Ok(caps)
     }
@@ -295,12 +305,44 @@ fn weld(mesh: &Mesh, open: &mut [[u32; 2]]) -> (bool, Vec<[u32; 2]>, u64) {
     (welded, open, flaws)
 }
 
+/// How many of the directed `edges` of a part, and of its caps, come once more where vertices that are one as floats
+/// are one.
+fn doubled(mesh: &Mesh, mut edges: Vec<[u32; 2]>, caps: &[[Corner; 3]]) -> u64 {
+    let place = |v: u32| position_key(mesh.positions.get(v).map(|x| f64::from(x as f32)));
+    let mut vertices: Vec<u32> = edges.iter().flatten().copied().collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let mut names: Vec<[u32; 2]> = vertices.into_iter().map(|v| [v, v]).collect();
+    sort_by(&mut names, |a, b| place(a[0]).cmp(&place(b[0])).then(a[0].cmp(&b[0])));
+    names.chunk_by_mut(|a, b| place(a[0]) == place(b[0])).for_each(|alike| {
+        let first = alike[0][0];
+        alike.iter_mut().for_each(|name| name[1] = first);
+    });
+    names.sort_unstable();
+    let name = |v: u32| names.binary_search_by_key(&v, |name| name[0]).map_or(v, |k| names[k][1]);
+    for [a, b, c] in caps {
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            if let (Corner::Vertex(from), Corner::Vertex(to)) = (from, to) {
+                edges.push([*from, *to]);
+            }
+        }
+    }
+    edges.iter_mut().for_each(|edge| *edge = edge.map(name));
+    edges.retain(|[a, b]| a != b);
+    edges.sort_unstable();
+    edges.windows(2).filter(|two| two[0] == two[1]).count() as u64
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::base::vector::{cross, dot};
 
     fn caps(points: &[[f64; 3]], faces: &[Vec<u32>]) -> (Mesh, Caps) {
+        caps_of(points, faces, false)
+    }
+
+    fn caps_of(points: &[[f64; 3]], faces: &[Vec<u32>], by_place: bool) -> (Mesh, Caps) {
         let triangles: Vec<[u32; 3]> = faces.iter().map(|f| [f[0], f[1], f[2]]).collect();
         let mesh = Mesh::from_slices(points, &triangles).unwrap();
         let visit = |see: &mut dyn FnMut(&[u32])| {
@@ -309,7 +351,8 @@ mod tests {
         };
         let run = Run::new(&());
         let whole = EdgesAtCuts::of(&mesh, &vec![0; faces.len()], &run).unwrap();
-        let caps = Caps::of(&mesh, &whole, faces.iter().map(|f| f.len() as u64).sum(), &run, visit).unwrap();
+        let corners = faces.iter().map(|f| f.len() as u64).sum();
+        let caps = Caps::of(&mesh, &whole, (corners, by_place), &run, visit).unwrap();
         (mesh, caps)
     }
 
@@ -359,6 +402,18 @@ mod tests {
         assert_eq!(closed(&mesh, &faces, &fans).1, 0);
     }
 
+    /// Each is closed by its own vertices, but an STL has places alone: four faces meet at one edge there.
+    #[test]
+    fn solids_that_touch_along_an_edge_are_none_by_places() {
+        let solid = |tip: [f64; 3], side: [f64; 3]| [[0., 0., 0.], [1., 0., 0.], side, tip];
+        let points = [solid([0., 1., 0.], [0., 0., 1.]), solid([0., -1., 0.], [0., 0., -1.])].concat();
+        let closed = |k: u32| [[0, 1, 2], [1, 0, 3], [2, 1, 3], [0, 2, 3]].map(|face| face.map(|v| v + k).to_vec());
+        let faces = [closed(0), closed(4)].concat();
+        let flaws = [false, true].map(|by_place| caps_of(&points, &faces, by_place).1.flaws);
+        assert_eq!(flaws, [0, 2]);
+        assert_eq!(caps_of(&points[..4], &faces[..4], true).1.flaws, 0);
+    }
+
     #[test]
     fn both_sides_of_a_cut_get_the_same_cap() {
         // An octahedron cut along a ring that is not flat: volumes add up.
@@ -388,6 +443,7 @@ mod tests {
         // Every face with vertices of its own.
         let soup: Vec<[f64; 3]> = faces.iter().flatten().map(|&v| points[v as usize]).collect();
         let own: Vec<Vec<u32>> = (0..faces.len() as u32).map(|k| vec![3 * k, 3 * k + 1, 3 * k + 2]).collect();
+        assert_eq!(caps_of(&soup, &own, true).1.flaws, 0);
         let (mesh, loose) = caps(&soup, &own);
         assert_eq!((loose.loops, loose.flaws, closed(&mesh, &own, &loose).1), (2, 0, 0));
         // A face turned over; a third one at an edge.

@@ -117,8 +117,9 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
         }
         let path = folder.join(&name);
         let mut own = Facets::default();
-        let caps =
-            at_cuts.as_ref().map_or(Ok(Caps::default()), |edges| writer.caps(part as u32, edges, size.corners))?;
+        let caps = at_cuts.as_ref().map_or(Ok(Caps::default()), |edges| {
+            writer.caps(part as u32, edges, (size.corners, form == PartForm::Stl))
+        })?;
         publish(&path, 0, |file| {
             let mut out = Gather::new(&path, file);
             if form == PartForm::Stl {
@@ -148,7 +149,8 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
     publish(&list, 0, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
     if !open.is_empty() {
         let (parts, verb) = if open.len() == 1 { ("part", "is") } else { ("parts", "are") };
-        let why = "edges of three faces or more, faces wound against each other, or triangles that floats turn over";
+        let why = "edges of three faces or more, faces wound against each other, or triangles that floats turn over; in an \
+                   STL also edges that touch";
         run.progress.note(&format!("{parts} {} {verb} no solid in spite of caps: {why}", open.join(", ")));
     }
     if let Some(share) = facets.lost().filter(|_| rounds) {
@@ -243,9 +245,9 @@ impl Splitter<'_> {
         Ok(())
     }
 
-    /// What closes `part`, whose faces have so many corners in all.
-    fn caps(&self, part: u32, at_cuts: &EdgesAtCuts, corners: u64) -> Result<Caps> {
-        Caps::of(self.mesh, at_cuts, corners, self.run, |see| {
+    /// What closes `part`, whose faces have so many corners in all; whether places alone tell its edges.
+    fn caps(&self, part: u32, at_cuts: &EdgesAtCuts, size: (u64, bool)) -> Result<Caps> {
+        Caps::of(self.mesh, at_cuts, size, self.run, |see| {
             self.each(part, |_, face| {
                 see(face);
                 Ok(())
