@@ -11,7 +11,7 @@ use nystrom_stream::base::printable::line;
 use nystrom_stream::mesh::import;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};
-use nystrom_stream::mesh::size::{is_pipe, size_of_mesh};
+use nystrom_stream::mesh::size::{is_pipe, shows_when_read, size_of_mesh};
 use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::verify::verify as check;
 use nystrom_stream::store::workdir::Manifest;
@@ -93,7 +93,9 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
     let stdin = path.as_os_str() == "-";
     let streams = stdin || is_pipe(path);
     let name = if stdin { "<stdin>".into() } else { path.to_string_lossy() };
-    let (mut text, mut all) = if streams { (String::new(), json!({"mesh": name})) } else { header(path)? };
+    // Without a header that tells the size, what is read tells it.
+    let counted_later = stdin || !args.header && shows_when_read(path)?;
+    let (mut text, mut all) = if counted_later { (String::new(), json!({"mesh": name})) } else { header(path)? };
     if args.header {
         return Ok((text, all));
     }
@@ -102,7 +104,7 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
     let context = Context::new(&work, &run);
     let (opened, _) = read(path, ForceArgs { force: false }, context)?;
     let measures = measure::mesh(&opened, context)?;
-    if streams {
+    if counted_later {
         let _ = writeln!(text, "{} faces, {} vertices", opened.faces.len(), opened.positions.len());
         (all["faces"], all["vertices"]) = (json!(opened.faces.len()), json!(opened.positions.len()));
     }

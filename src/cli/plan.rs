@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// Arguments of `plan`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct PlanArgs {
-    /// A PLY, OBJ, OFF or STL file, also .gz
+    /// A PLY, OBJ, OFF or STL file; PLY also .gz
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
     /// Folder that would keep intermediate results [default: --tmp, or beside the mesh]

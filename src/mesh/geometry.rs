@@ -453,6 +453,11 @@ pub fn check_size(faces: u64, corners: u64, path: &Path) -> Result<()> {
     Err(Error::unusable(path, problem, "cut it into several meshes, or decimate it"))
 }
 
+/// The error for a file without content.
+pub(super) fn empty(path: &Path) -> Error {
+    Error::unusable(path, "is empty (0 bytes)", "get the file again")
+}
+
 /// The error for a mesh without faces.
 pub fn no_faces(path: &Path) -> Error {
     Error::unusable(

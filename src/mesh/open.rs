@@ -5,7 +5,7 @@
 //! anything else is decoded once into arrays of the scratch folder; a compressed or streamed file
 //! is spooled there first.
 
-use super::geometry::{Mesh, check_size, no_faces, too_many_vertices};
+use super::geometry::{Mesh, check_size, empty, no_faces, too_many_vertices};
 use super::import::{self, Format};
 use super::ply::document::Document;
 use super::ply::header::{self, CUT_SHORT, Element, Header, Kind};
@@ -106,7 +106,7 @@ fn open_bytes(path: &Path, bytes: MappedBytes, is_file: bool, scratch: &Path, ru
     let compressed = import::is_compressed(&bytes);
     let bytes = if compressed { decompress(path, &bytes, scratch, run)? } else { bytes };
     if bytes.is_empty() {
-        return Err(Error::unusable(path, "is empty (0 bytes)", "get the file again"));
+        return Err(empty(path));
     }
     let mut notes = Vec::new();
     let (bytes, is_file) = match import::recognise(path, &bytes)? {

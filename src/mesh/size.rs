@@ -3,7 +3,7 @@
 //! The header of a PLY has the counts, and the file's size shows whether they can be true. Cost: microseconds for a
 //! PLY, compressed or not; one pass over the text of an OBJ or OFF.
 
-use super::geometry::no_faces;
+use super::geometry::{empty, no_faces};
 use super::import;
 use super::ply::{Encoding, Kind, header};
 use crate::base::{Error, Result};
@@ -31,6 +31,18 @@ pub struct MeshSize {
 /// Whether `path` is a pipe, as of a shell's <(…), or a device: it can be read only once, and has no size.
 pub fn is_pipe(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
+}
+
+/// Whether the size of the mesh at `path` shows only when it is read: it is a pipe, or compressed text or STL.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn shows_when_read(path: &Path) -> Result<bool> {
+    if is_pipe(path) {
+        return Ok(true);
+    }
+    let bytes = MappedBytes::open(path)?;
+    Ok(import::is_compressed(&bytes) && !import::is_ply(path, &head_of(path, &bytes)?))
 }
 
 /// The faces that strips of triangles hold at the most in a file of `len` bytes: the header counts strips, and each
@@ -75,6 +87,9 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
     let bytes = MappedBytes::open(path)?;
     let compressed = import::is_compressed(&bytes);
     let head = if compressed { head_of(path, &bytes)? } else { Vec::new() };
+    if bytes.is_empty() || compressed && head.is_empty() {
+        return Err(empty(path));
+    }
     if !import::is_ply(path, if compressed { &head } else { &bytes[..] }) {
         if compressed {
             let problem = "is compressed and no PLY, so its size shows only when it is read";
