@@ -17,7 +17,7 @@ use crate::store::new_file::by_rename;
 use crate::store::{MappedBytes, Run};
 use std::path::Path;
 use target::Target;
-use text::{Lines, obj, of_text, off};
+use text::{Lines, obj, off, without_mark};
 
 /// A format that is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -126,7 +126,7 @@ pub fn name(path: &Path, bytes: &[u8]) -> String {
 /// # Errors
 /// [`Error::Unusable`] for formats that are known but not read, and for files named as PLY that are of another format.
 pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
-    let start = of_text(bytes).trim_ascii_start();
+    let start = without_mark(bytes).trim_ascii_start();
     let ending = ending(path);
     let is_ply = start.get(..3).is_some_and(|word| word.eq_ignore_ascii_case(b"ply"))
         && start.get(3).is_none_or(u8::is_ascii_whitespace);

@@ -3,7 +3,7 @@
 //! Normals and attributes are passed over. Binary files may begin with `solid` too; their size gives them away.
 
 use super::target::{Counts, Target, check};
-use super::text::{Lines, of_text};
+use super::text::{Lines, without_mark, without_padding};
 use crate::base::{Error, Result};
 use crate::mesh::ply::header::{CUT_SHORT, Scalar};
 use std::path::Path;
@@ -25,7 +25,7 @@ pub(super) fn has_binary_size(bytes: &[u8]) -> bool {
 
 /// Whether `bytes` are a file of text.
 pub(super) fn is_text(bytes: &[u8]) -> bool {
-    let text = of_text(bytes);
+    let text = without_padding(without_mark(bytes));
     let solid = text.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
     solid && !has_binary_size(bytes) && !text[..text.len().min(1 << 12)].contains(&0)
 }

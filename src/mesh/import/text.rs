@@ -15,11 +15,15 @@ pub(super) struct Line<'a> {
     pub text: &'a [u8],
 }
 
-/// `bytes` without a mark of their order in front, and at the end without zeros and the end of file of DOS.
-pub(super) fn of_text(bytes: &[u8]) -> &[u8] {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let end = bytes.iter().rposition(|byte| !matches!(byte, 0 | 0x1a)).map_or(0, |last| last + 1);
-    &bytes[..end]
+/// `bytes` without the mark of their order that some programs put in front.
+pub(super) fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
+}
+
+/// `text` without the zeros, or the end of file of DOS, that some programs put behind.
+pub(super) fn without_padding(text: &[u8]) -> &[u8] {
+    let end = text.iter().rposition(|byte| !matches!(byte, 0 | 0x1a)).map_or(0, |last| last + 1);
+    &text[..end]
 }
 
 /// The lines that are not blank; `#` begins a remark ([`remark`]). With `joined`, as in OBJ, a backslash at the end
@@ -33,7 +37,7 @@ pub(super) struct Lines<'a> {
 impl<'a> Lines<'a> {
     /// The lines of `bytes`.
     pub(super) fn new(bytes: &'a [u8], joined: bool) -> Self {
-        Self { rest: of_text(bytes), number: 0, joined }
+        Self { rest: without_mark(bytes), number: 0, joined }
     }
 
     /// Where the line ends, and where the next begins.
@@ -82,6 +86,7 @@ impl<'a> Iterator for Lines<'a> {
                 _ => remark(text, self.joined).map_or(text, |at| &text[..at]),
             }
             .trim_ascii();
+            let text = without_padding(text).trim_ascii_end();
             if !text.is_empty() {
                 return Some(Line { number, text });
             }
