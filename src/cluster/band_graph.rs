@@ -5,8 +5,8 @@
 //! would only make a boundary ragged. On a rough mesh the faces' own turning counts, averaged along the edges
 //! ([`super::crease`]).
 //!
-//! Cost: a pass over the edges of the band's nodes, which looks up their neighbours by bisection; 90 bytes per node, on a
-//! rough mesh twice as many.
+//! Cost: a pass over the edges of the band's nodes, which looks up their neighbours by bisection; 90 bytes per node, on
+//! a rough mesh twice as many.
 
 use super::crease::{self, OwnTurning};
 use crate::base::Result;

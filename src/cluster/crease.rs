@@ -1,8 +1,9 @@
 //! Creases under noise: how much the surface turns at the edges of a band, averaged along the edges.
 //!
-//! On a rough mesh fronts see normals that are averaged over a radius, so a crease is smeared over twice that radius, and a
-//! boundary beside it has no line to follow. The faces' own normals know the crease, but noise turns every edge. Averaged
-//! over edges that go the same way, far along them and hardly across, noise cancels out, and a line that turns stays one.
+//! On a rough mesh fronts see normals that are averaged over a radius, so a crease is smeared over twice that radius,
+//! and a boundary beside it has no line to follow. The faces' own normals know the crease, but noise turns every edge.
+//! Averaged over edges that go the same way, far along them and hardly across, noise cancels out, and a line that turns
+//! stays one.
 //!
 //! Cost: some fifty edges are looked at for each, 1 µs; 40 bytes per edge of the band, and 4 per node of it and thread.
 

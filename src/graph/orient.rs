@@ -3,9 +3,9 @@
 //! Published meshes are not always wound consistently. In each component the faces wound against its first face are
 //! known from the union-find's parities ([`super::components`]); the smaller group by area is turned. Then a component
 //! that encloses a volume is turned as a whole where the volume is negative (normals point inwards); one that does not
-//! (a range scan, a relief, a room seen from within) keeps the direction of its file. Turning changes the normals in the node geometry only;
-//! faces are written as they came. Edges that still join faces wound against each other keep their negative length: no
-//! orientation exists there.
+//! (a range scan, a relief, a room seen from within) keeps the direction of its file. Turning changes the normals in
+//! the node geometry only; faces are written as they came. Edges that still join faces wound against each other keep
+//! their negative length: no orientation exists there.
 //!
 //! Time: one sequential pass over nodes; the rest only where something has to be turned. Memory: a chunk of nodes; 73
 //! bytes per component in the work directory, in memory where the budget has room.
@@ -25,8 +25,8 @@ use std::sync::Arc;
 
 /// Share of a sphere's volume (at equal area) from which on a component counts as enclosing one.
 const ENCLOSES: f64 = 0.02;
-/// Share of the area that its vectors sum to, up to which it does: 0 of what is closed, .2 of a cube without a lid, .3 to
-/// .5 of scans of rooms and bowls, which are seen from within.
+/// Share of the area that its vectors sum to, up to which it does: 0 of what is closed, .2 of a cube without a lid, .3
+/// to .5 of scans of rooms and bowls, which are seen from within.
 const OPEN: f64 = 0.25;
 
 /// What orienting found.

@@ -128,12 +128,10 @@ fn colours_of_edited_parts_are_not_those_of_the_hierarchys_cut() {
     assert_eq!(plot(dir.path(), "work --tree plain.svg --detail 0").0, 0);
     assert_eq!(text(dir.path(), "edited.svg"), text(dir.path(), "plain.svg"));
     // Hints painted on faces leave no file of edits, and were overlooked.
-    let hints = dir.path().join("hints.seg");
-    let faces = nystrom_stream::Mesh::open(&mesh).unwrap().faces.len();
-    std::fs::write(&hints, (0..faces).map(|face| format!("{}\n", u32::from(face % 40 == 0))).collect::<String>())
-        .unwrap();
-    let words = ["cluster", "-q", "--work-dir", word(&work), "--hints", word(&hints), "-o", word(&out)];
-    assert!(common::run(&words).status.success());
-    assert_eq!(plot(dir.path(), "work --tree hinted.svg").0, 0);
+    let (labelled, hinted) = (dir.path().join("labelled.ply"), dir.path().join("hinted"));
+    common::segment(&mesh, &["-q", "-k", "3", "-o", word(&labelled)]);
+    common::segment(&labelled, &["-q", "-k", "4", "--hints", "label", "--work-dir", word(&hinted), "-o", word(&out)]);
+    assert_eq!(plot(dir.path(), "hinted --tree hinted.svg").0, 0);
+    assert_eq!(plot(dir.path(), "hinted --tree plain.svg --detail 0").0, 0);
     assert_eq!(text(dir.path(), "hinted.svg"), text(dir.path(), "plain.svg"));
 }

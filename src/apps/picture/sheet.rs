@@ -238,8 +238,8 @@ pub(super) struct Legend {
 }
 
 impl Legend {
-    /// The legend for a picture of `width` × `height`, of the `areas` of the parts that have `colours`, and last of what
-    /// is in none of them; none where it is too small, or there is only one part.
+    /// The legend for a picture of `width` × `height`, of the `areas` of the parts that have `colours`, and last of
+    /// what is in none of them; none where it is too small, or there is only one part.
     pub(super) fn of(
         areas: &[f64],
         (colours, names): (&[[u8; 3]], &[String]),

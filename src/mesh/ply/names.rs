@@ -7,8 +7,8 @@ use super::document::Document;
 /// What such remarks begin with.
 const START: &str = "comment part ";
 
-/// The remarks that tell `names`, one per part, empty for none. Headers are ASCII, and some programs refuse others: what
-/// is none is escaped as in Rust (`K\u{f6}rper`), and so is the backslash.
+/// The remarks that tell `names`, one per part, empty for none. Headers are ASCII, and some programs refuse others:
+/// what is none is escaped as in Rust (`K\u{f6}rper`), and so is the backslash.
 pub(super) fn remarks(names: &[String]) -> Vec<Vec<u8>> {
     let escaped = |name: &str| -> String {
         let plain = |c: char| matches!(c, ' '..='~') && c != '\\';
