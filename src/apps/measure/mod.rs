@@ -5,7 +5,8 @@
 //! whatever their vertices are. One pass over the faces adds up what each part has; a part's volume is given only where
 //! its surface is closed and wound one way. Stray vertices count where they are put
 //! ([`Mesh::without_strays`]). Cost: the graph (60 bytes per face in a work directory or in memory), some 200 ns per
-//! face, [`PER_LABEL`] bytes per label that occurs, and 100 per open edge while loops are counted.
+//! face, [`PER_LABEL`] bytes per label that occurs, 100 per open edge while loops are counted, and 8 per corner of faces
+//! of more than [`LONG`] corners and of their neighbours.
 
 mod sums;
 mod table;
@@ -14,7 +15,7 @@ pub use sums::{Measures, Neighbour};
 pub use table::table;
 
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::sort::map_of;
+use crate::base::sort::{map_of, sort_by};
 use crate::base::union_find::Forest;
 use crate::base::vector::{finite, position_key};
 use crate::base::{Error, Result};
@@ -28,6 +29,8 @@ use sums::{Sums, Unit};
 
 /// Faces a chunk.
 const CHUNK: usize = 1 << 14;
+/// Corners from which a face's edges are looked up.
+const LONG: usize = 64;
 /// Bytes that an open edge takes while loops are counted.
 const OPEN: u64 = 100;
 /// Bytes per label: sums, measures, and a row of a table.
@@ -73,6 +76,20 @@ struct Faces<'a> {
     whole: bool,
 }
 
+/// Edges around long faces, sorted: where each corner would look at all others, they are looked up.
+#[derive(Default)]
+struct LongFaces {
+    /// A long face, and the edges of its neighbours.
+    around: Option<(u32, Vec<(u32, u32)>)>,
+    /// The edges of long neighbours.
+    own: HashMap<u32, Vec<(u32, u32)>>,
+}
+
+/// The ends of an edge, the lesser first.
+fn ends([a, b]: [[u64; 3]; 2]) -> [[u64; 3]; 2] {
+    if a < b { [a, b] } else { [b, a] }
+}
+
 /// What a chunk of faces has: sums by label, and the open edges.
 type Share = (BTreeMap<u32, Sums>, Vec<[[u64; 3]; 2]>);
 
@@ -86,21 +103,54 @@ impl Faces<'_> {
         self.whole || corners.iter().all(|&v| finite(self.mesh.positions.get(v)))
     }
 
+    /// The ends of the edge that leads to corner number `k` of a face.
+    fn edge(&self, (face, k): (u32, u32)) -> [[u64; 3]; 2] {
+        self.mesh.faces.with(face as usize, |corners| {
+            let before = if k == 0 { corners.len() - 1 } else { k as usize - 1 };
+            [corners[before], corners[k as usize]].map(|v| position_key(self.mesh.positions.get(v)))
+        })
+    }
+
+    /// The edges of `faces`, each as a face and a corner, sorted by their ends; equal ones in the order of the faces.
+    fn edges_of(&self, faces: impl IntoIterator<Item = u32>) -> Vec<(u32, u32)> {
+        let corners = |face: u32| self.mesh.faces.with(face as usize, |corners| corners.len() as u32);
+        let mut edges: Vec<(u32, u32)> =
+            faces.into_iter().flat_map(|face| (0..corners(face)).map(move |k| (face, k))).collect();
+        sort_by(&mut edges, |&x, &y| ends(self.edge(x)).cmp(&ends(self.edge(y))));
+        edges
+    }
+
     /// The neighbour across the edge from `a` to `b` of `face`: one of another label before one of the same, and one
     /// that is wound the same way before one that is not; and whether it is wound the other way.
-    fn across(&self, face: usize, a: [u64; 3], b: [u64; 3]) -> Option<(u32, bool)> {
+    fn across(&self, face: usize, [a, b]: [[u64; 3]; 2], long: &mut LongFaces) -> Option<(u32, bool)> {
         let mut found: Option<(u32, bool)> = None;
+        let mut look = |other: u32, [before, at]: [[u64; 3]; 2]| {
+            let (back, along) = (before == b && at == a, before == a && at == b);
+            let rank = |(other, along): (u32, bool)| (self.label(other as usize) == self.label(face), along);
+            if back || along {
+                let one = (other, !back);
+                found = Some(found.map_or(one, |known| if rank(one) < rank(known) { one } else { known }));
+            }
+        };
+        let among = |edges: &[(u32, u32)], look: &mut dyn FnMut(u32, [[u64; 3]; 2])| {
+            let first = edges.partition_point(|&edge| ends(self.edge(edge)) < ends([a, b]));
+            let alike = edges[first..].iter().take_while(|&&edge| ends(self.edge(edge)) == ends([a, b]));
+            alike.for_each(|&edge| look(edge.0, self.edge(edge)));
+        };
+        if let Some((_, edges)) = long.around.as_ref().filter(|(of, _)| *of == face as u32) {
+            among(edges, &mut look);
+            return found;
+        }
         for (other, _) in self.neighbours.neighbours(face as u32) {
+            if self.mesh.faces.with(other as usize, |corners| corners.len() > LONG) {
+                among(long.own.entry(other).or_insert_with(|| self.edges_of([other])), &mut look);
+                continue;
+            }
             self.mesh.faces.with(other as usize, |corners| {
                 let mut before = corners.last().map(|&v| position_key(self.mesh.positions.get(v)));
                 for &v in corners {
                     let at = position_key(self.mesh.positions.get(v));
-                    let (back, along) = (before == Some(b) && at == a, before == Some(a) && at == b);
-                    let rank = |(other, along): (u32, bool)| (self.label(other as usize) == self.label(face), along);
-                    if back || along {
-                        let one = (other, !back);
-                        found = Some(found.map_or(one, |known| if rank(one) < rank(known) { one } else { known }));
-                    }
+                    before.into_iter().for_each(|before| look(other, [before, at]));
                     before = Some(at);
                 }
             });
@@ -109,13 +159,17 @@ impl Faces<'_> {
     }
 
     fn share(&self, range: std::ops::Range<usize>, wants_open: bool) -> Share {
-        let (mut sums, mut open) = (BTreeMap::<u32, Sums>::new(), Vec::new());
+        let (mut sums, mut open, mut long) = (BTreeMap::<u32, Sums>::new(), Vec::new(), LongFaces::default());
         self.mesh.faces.for_each(range, |face, corners| {
             let label = self.label(face);
             let mine = sums.entry(label).or_default();
             mine.faces += 1;
             if self.is_in_space(corners) {
                 self.mesh.triangles(corners, |_, at| mine.triangle(at.map(|p| self.unit.place(p))));
+            }
+            if corners.len() > LONG {
+                let neighbours = self.neighbours.neighbours(face as u32).map(|(other, _)| other);
+                long.around = Some((face as u32, self.edges_of(neighbours)));
             }
             for (k, &v) in corners.iter().enumerate() {
                 let ends = [v, corners[if k + 1 == corners.len() { 0 } else { k + 1 }]];
@@ -124,7 +178,7 @@ impl Faces<'_> {
                 if a == b || !finite(from) || !finite(to) {
                     continue;
                 }
-                match self.across(face, a, b) {
+                match self.across(face, [a, b], &mut long) {
                     None => {
                         mine.open += 1;
                         if wants_open {

@@ -7,7 +7,7 @@ use super::camera::{Camera, Vec3};
 use super::raster::{Canvas, Hit, triangles_of};
 use super::vertex_normals::VertexNormals;
 use crate::base::Result;
-use crate::base::vector::{add_scaled, double_area, unit};
+use crate::base::vector::{add_scaled, cross, double_area, finite, minus, unit};
 use crate::mesh::Mesh;
 use crate::store::Run;
 
@@ -44,6 +44,9 @@ pub(super) fn unpack(packed: Packed) -> [f32; 3] {
     [x, y, (1.0 - x * x - y * y).max(0.0).sqrt()]
 }
 
+/// Corners above which a face is drawn flat: each sample looks at all of its triangles.
+const LONG: usize = 64;
+
 /// A triangle of the face last looked at.
 struct Corner {
     at: [Vec3; 3],
@@ -68,6 +71,17 @@ pub(super) fn normals(
             let Some(hit) = canvas.get(y * width + x) else { continue };
             if last != Some(hit.item) {
                 known.clear();
+                let long = mesh.faces.with(hit.item as usize, |corners| {
+                    (corners.len() > LONG).then(|| camera.frame.of(unit(polygon_area(mesh, corners))))
+                });
+                if let Some(normal) = long {
+                    // Any triangle will do.
+                    let at = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+                    known.push(Corner { at, own: normal, normals: [normal; 3] });
+                    last = Some(hit.item);
+                }
+            }
+            if last != Some(hit.item) {
                 triangles_of(mesh, hit.item as usize, |corners, at| {
                     let own = unit(double_area(at));
                     let normals = corners.map(|corner| vertex_normals.map_or(own, |all| all.at(corner, own)));
@@ -90,6 +104,18 @@ pub(super) fn normals(
     let across = smooth(&normals, canvas, 1, run)?;
     drop(normals);
     smooth(&across, canvas, width, run)
+}
+
+/// The area vector of a polygon (Newell's); corners without a place in space are left out.
+fn polygon_area(mesh: &Mesh, corners: &[u32]) -> Vec3 {
+    let mut at = corners.iter().map(|&v| mesh.positions.get(v)).filter(|&p| finite(p));
+    let Some(first) = at.next() else { return [0.0; 3] };
+    let (mut sum, mut before) = ([0.0; 3], [0.0; 3]);
+    for spoke in at.map(|p| minus(p, first)) {
+        sum = add_scaled(sum, 1.0, cross(before, spoke));
+        before = spoke;
+    }
+    sum
 }
 
 /// The normal at a point of a face's triangles: in the one that holds it best.
