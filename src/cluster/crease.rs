@@ -5,8 +5,8 @@
 //! Averaged over edges that go the same way, far along them and hardly across, noise cancels out, and a line that turns
 //! stays one.
 //!
-//! Cost: some fifty edges are looked at for each, 2 µs per node of the band; 40 bytes per edge of the band, and 4 per node
-//! of it and thread.
+//! Cost: some fifty edges are looked at for each, 2 µs per node of the band; 40 bytes per edge of the band, and 4 per
+//! node of it and thread.
 
 use crate::base::Result;
 use crate::base::vector::{cross, length, minus, wide};
