@@ -3,10 +3,10 @@
 //!
 //! Faces that share an edge come from the [dual graph](crate::graph), so edges at the same position count as one
 //! whatever their vertices are. One pass over the faces adds up what each part has; a part's volume is given only where
-//! its surface is closed and wound one way. Stray vertices count where they are put
-//! ([`Mesh::without_strays`]). Cost: the graph (60 bytes per face in a work directory or in memory), some 200 ns per
-//! face, [`PER_LABEL`] bytes per label that occurs, 100 per open edge while loops are counted, and 8 per corner of faces
-//! of more than [`LONG`] corners and of their neighbours.
+//! its surface is closed and wound one way. Stray vertices count where they are put ([`Mesh::without_strays`]). Cost:
+//! the graph (60 bytes per face in a work directory or in memory), some 200 ns per face, [`PER_LABEL`] bytes per label
+//! that occurs, 100 per open edge while loops are counted, and 8 per corner of faces of more than [`LONG`] corners and
+//! of their neighbours.
 
 mod sums;
 mod table;
