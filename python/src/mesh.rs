@@ -184,7 +184,9 @@ impl PyMesh {
         mesh.faces.for_each(0..mesh.faces.len(), |face, corners| {
             at.clear();
             // Of a triangle, positions do not matter.
-            at.extend(corners.iter().map(|&vertex| if corners.len() > 3 { mesh.positions.get(vertex) } else { [0.; 3] }));
+            at.extend(
+                corners.iter().map(|&vertex| if corners.len() > 3 { mesh.positions.get(vertex) } else { [0.; 3] }),
+            );
             polygon::triangles(&at, |triangle| {
                 triangles.push(triangle.map(|corner| corners[corner]));
                 faces.push(face as i64);
