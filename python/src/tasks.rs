@@ -12,7 +12,7 @@ use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::apps::measure;
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
-use nystrom_stream::apps::picture::{PictureParams, render};
+use nystrom_stream::apps::picture::{PictureParams, render_named};
 use nystrom_stream::apps::sequence::SequenceOrder;
 use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::landmarks::Sampling;
@@ -151,6 +151,7 @@ pub fn picture<'py>(
     mesh: &PyMesh,
     labels: Option<PyReadonlyArray1<'py, u32>>,
     colours: PyReadonlyArray2<'py, u8>,
+    names: Vec<String>,
     width: usize,
     height: usize,
     views: usize,
@@ -166,7 +167,7 @@ pub fn picture<'py>(
     let params = params.legend(legend).lines(lines).up(up).turn(turn).tilt(tilt);
     let (labels, colours) = (labels.map(|labels| labels.as_array().to_vec()), self::colours(&colours)?);
     let mesh = mesh.current()?;
-    let image = run(py, |run| render(mesh, labels.as_deref(), &colours, &params, run))?;
+    let image = run(py, |run| render_named(mesh, labels.as_deref(), (&colours, &names), &params, run))?;
     image.pixels.as_flattened().to_pyarray(py).reshape([image.height, image.width, 4])
 }
 

@@ -284,3 +284,13 @@ def test_polygons_become_triangles_that_do_not_leave_them(tmp_path):
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
     assert len(triangles) == 4 and area == pytest.approx(5)
+
+
+def test_pictures_have_the_names_of_parts(tmp_path):
+    # Regression: the legend had numbers, where that of a saved picture had names.
+    cut = nystrom_stream.segment(*dumbbell(), parts=3, names=["left ball", "bar", "right ball"])
+    size = (640, 480)
+    named = cut.picture(size=size)
+    assert (named != cut.picture(size=size, names=[])).any()
+    assert (named == nystrom_stream.picture(cut, names=cut.names, size=size)).all()
+    assert (named == cut.picture(size=size, names={0: "left ball", 1: "bar", 2: "right ball"})).all()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._edits import Edits, Names, as_edits, as_hints, read_names, started_from
+from ._edits import Edits, Names, as_edits, as_hints, as_names, read_names, started_from
 from ._meshes import (DEFAULT, MOST, MeshLike, Path, Progress, as_colours, as_labels, as_mesh, as_path, flag, pair, real, run_options,
                       whole)
 from ._results import Correspondence, Segmentation, Sequence, Transfer, cut_mesh
@@ -262,17 +262,19 @@ def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:
     return scores
 
 
-def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Optional[ArrayLike] = None,
+def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Optional[ArrayLike] = None, names: Optional[Names] = None,
             size: tuple[int, int] = (1600, 1200), views: int = 1, transparent: bool = False, legend: bool = True, lines: bool = True,
             up: Optional[Axis] = None, turn: float = 0.0, tilt: float = 0.0) -> NDArray[np.uint8]:
     """Draws a mesh and its parts, without a display: (height, width, 4) uint8, red, green, blue, opacity.
 
     mesh: a Segmentation, or a mesh, with `labels` or without; a face whose label is negative or 2**32 - 1 is grey.
-    colours: (parts, 3), whole numbers from 0 to 255 or real ones from 0 to 1. up: "x", "-y" and so on; found where None.
+    colours: (parts, 3), whole numbers from 0 to 255 or real ones from 0 to 1. names: of the parts, for the legend; as in the
+    Segmentation where None. up: "x", "-y" and so on; found where None.
     turn, tilt: degrees from the view that is found.
     """
     if labels is None and hasattr(mesh, "labels"):
         labels, colours = mesh.labels, mesh.colours if colours is None and hasattr(mesh, "colours") else colours
+        names = mesh.names if names is None and hasattr(mesh, "names") else names
     mesh = as_mesh(mesh)
     if labels is not None:
         labels = as_labels(labels, mesh.faces, partial=True)
@@ -280,10 +282,11 @@ def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Opti
             colours = _native.part_colours(mesh, labels)
     parts = 0 if labels is None else int((labels[labels != MOST] + 1).max(initial=0))
     colours = as_colours(np.zeros((0, 3), np.uint8) if colours is None else colours, parts)
+    told = [] if names is None else as_names(names, parts)
     width, height = pair("size", size)
     if up is not None:
         _choose("up", up, Axis)
-    return _native.picture(mesh, labels, colours, width, height, whole("views", views, 1), flag("transparent", transparent),
+    return _native.picture(mesh, labels, colours, told, width, height, whole("views", views, 1), flag("transparent", transparent),
                            flag("legend", legend), flag("lines", lines), up, real("turn", turn), real("tilt", tilt))
 
 
