@@ -6,7 +6,7 @@
 //! (superfaces × superfaces), how far any two belong together, which confidences come from; `walls.npy`, 1 for each
 //! cell that is the wall of a cavity, without any where nothing is enclosed.
 
-use super::labels::SegmentStats;
+use super::labels::{self, SegmentStats};
 use super::params::{Cluster, SegmentParams};
 use super::sample::Sample;
 use super::surface::{self, SurfaceStage, WeightedSurface};
@@ -178,13 +178,32 @@ pub fn tree_of(work: &WorkDir, exact: bool) -> Result<PartTree> {
             continue;
         }
         let inner = if contracted { Some(work.inner(CONTRACTED)?) } else { None };
+        let whole = work;
         let work = inner.as_deref().unwrap_or(work);
         if work.holds(TREE) {
+            check_labels(whole, work)?;
             return checked(&work.json_text(TREE)?, &work.place(TREE));
         }
     }
     let remedy = "make one: stage `labels`";
     Err(Error::work_dir(work.path(), "holds no hierarchy of parts of its mesh", remedy))
+}
+
+/// The key of the decision in `work`, where there is one.
+pub(super) fn decision_key(work: &WorkDir) -> Option<String> {
+    work.manifest().stages.remove(DecisionStage::NAME).map(|stage| stage.key)
+}
+
+/// Refuses a decision in `decided` that is another than the one that the labels in `work` were cut from: a run that was
+/// refused or stopped may have left it.
+fn check_labels(work: &WorkDir, decided: &WorkDir) -> Result<()> {
+    match labels::decision_of(work) {
+        Some(told) if decision_key(decided).is_some_and(|key| key != told) => {
+            let problem = "its hierarchy of parts is not the one that its labels were cut from";
+            Err(Error::work_dir(work.path(), problem, "cut it once more: stage `labels`"))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The decision that a work directory keeps, and the cells that it was made on: what corrections are computed with.
@@ -216,7 +235,10 @@ impl KeptDecision {
             let cells = work.read_json::<CellGraph>(surface::CELL_GRAPH)?.cleaned()?;
             Ok(Self { decision: open(cells.len(), work)?, cells })
         };
-        contraction_in_use(work, exact)?.map_or_else(|| of(work), |inner| of(&inner))
+        let inner = contraction_in_use(work, exact)?;
+        let decided = inner.as_deref().unwrap_or(work);
+        check_labels(work, decided)?;
+        of(decided)
     }
 
     /// All of it as JSON: about a megabyte.

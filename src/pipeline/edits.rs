@@ -42,6 +42,8 @@ pub struct PartMarks {
     pub edits: Option<String>,
     /// Whether the parts are another cut than the options make of the hierarchy that is kept: corrected, or of another.
     pub corrected: bool,
+    /// The key of the decision that was cut.
+    pub decision: Option<String>,
 }
 
 impl PartMarks {

@@ -192,7 +192,7 @@ pub(super) fn label(
     if let Some(tiny_components) = numbers.tiny_components_label {
         colours[tiny_components as usize] = TINY_COMPONENTS_COLOUR;
     }
-    let PartMarks { mut names, colours: own, edits, corrected } = clustered.marks;
+    let PartMarks { mut names, colours: own, edits, corrected, decision } = clustered.marks;
     for (&part, &colour) in &own {
         if let Some(slot) = colours.get_mut(part as usize) {
             *slot = colour;
@@ -211,7 +211,7 @@ pub(super) fn label(
         graph: graph.facts.clone(),
         numbers,
     };
-    let facts = LabelFacts { parts: result.parts(), edits, corrected };
+    let facts = LabelFacts { parts: result.parts(), edits, corrected, decision };
     let stage = stage_key(graph, params, context.run.seed);
     context.work.stamp(stage, &[LABELS, QUALITY], &facts, 0.)?;
     Ok(result)
@@ -229,10 +229,9 @@ pub fn keep(result: &SegmentedMesh, context: Context<'_>) -> Result<()> {
 /// [`begin`] has returned.
 pub(super) fn keep_as(stage: Option<StageRecord>, result: &SegmentedMesh, work: &WorkDir) -> Result<()> {
     let Some(stage) = stage else { return Ok(()) };
-    let (edits, corrected) =
-        serde_json::from_value::<LabelFacts>(stage.facts).map_or((None, false), |facts| (facts.edits, facts.corrected));
+    let before = serde_json::from_value::<LabelFacts>(stage.facts).unwrap_or_default();
     let key = StageKey { name: STAGE, version: LABELS_VERSION, key: stage.key, inputs: stage.inputs };
-    work.stamp(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), edits, corrected }, 0.)
+    work.stamp(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), ..before }, 0.)
 }
 
 /// The options that the labels in `work` were made under; `cluster` may have been given others than the record tells.
@@ -257,7 +256,7 @@ pub struct Labels {
 }
 
 /// What the manifest keeps of labels.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 struct LabelFacts {
     /// The parts, by label.
     pub parts: Vec<Part>,
@@ -267,6 +266,15 @@ struct LabelFacts {
     /// [`PartMarks::corrected`].
     #[serde(default)]
     pub corrected: bool,
+    /// [`PartMarks::decision`].
+    #[serde(default)]
+    pub decision: Option<String>,
+}
+
+/// The key of the decision that the labels in `work` were cut from, where they tell one.
+pub(super) fn decision_of(work: &WorkDir) -> Option<String> {
+    let stage = work.manifest().stages.remove(STAGE)?;
+    Some(stage.facts.get("decision")?.as_str()?.to_string())
 }
 
 impl Labels {

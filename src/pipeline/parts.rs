@@ -6,7 +6,7 @@
 //! there are cells are pieces of these.
 
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
-use super::decision::DecisionStage;
+use super::decision::{DecisionStage, decision_key};
 use super::edits::{Corrections, OnCells, PartMarks};
 use super::labels::{self, Clustered, LABELS, SegmentStats};
 use super::params::{Boundaries, SegmentParams, TinyComponents, Walls};
@@ -256,6 +256,7 @@ fn decide_on_mesh(
         (cut, marks) = corrections.apply(on_cells, (count, params.parts.detail), cut)?;
     }
     marks.corrected = !corrections.is_empty() || tree.is_some();
+    marks.decision = decision_key(context.work);
     let PartsResult { mut label, mut parts, confidence, mut report } =
         parts::describe(&all, cut, facts.l, facts.seconds);
     if !corrections.is_empty() {

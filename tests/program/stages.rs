@@ -251,6 +251,26 @@ fn k_means_has_columns_of_its_embedding_without_a_work_directory_too() {
     assert!(of_cauchy == std::fs::read(&table).unwrap());
 }
 
+/// A decision that a refused edit had left was told beside labels of the one before.
+#[test]
+fn a_hierarchy_is_that_of_the_labels() {
+    let Scene { mesh, work, out, .. } = &scene(2_000, false);
+    segment(mesh, &["-q", "--decision", "single", "--work-dir", word(work), "-o", word(out)]);
+    let at = nystrom_stream::Mesh::open(mesh).unwrap().positions.get(0);
+    let (edits, tree) = (work.with_extension("edits.json"), work.with_extension("tree.json"));
+    let split = serde_json::json!({"edit": "split", "at": at, "into": 60_000});
+    let text = serde_json::json!({"format": "nystrom-stream edits", "version": 1, "edits": [split]}).to_string();
+    std::fs::write(&edits, text).unwrap();
+    stage(&["export", "-q", "--tree", word(&tree)], work);
+    refused(&["cluster", "-q", "--decision", "consensus", "--edits", word(&edits)], work, 1);
+    let page = out.with_extension("html");
+    for words in [["export", "-q", "--tree", word(&tree)], ["export", "-q", "-o", word(&page)]] {
+        assert!(refused(&words, work, 1).contains("not the one that its labels were cut from"));
+    }
+    stage(&["cluster", "-q"], work);
+    stage(&["export", "-q", "--tree", word(&tree), "-o", word(&page)], work);
+}
+
 /// One option of the embedding brought the others back to their defaults.
 #[test]
 fn options_of_the_embedding_are_kept_one_by_one() {
