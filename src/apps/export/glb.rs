@@ -6,7 +6,7 @@
 //! smooth; without them, as of a box, programs draw faces flat. Polygons become triangles, in the order of the
 //! file. Faces with a coordinate that is no finite number are left out: the format has none. Double coordinates are
 //! written relative to their middle, which the node's translation adds again. Cost: one pass over the vertices and one
-//! per part over the labels.
+//! per part over the labels; [`PER_PART`] bytes per part, from the budget.
 
 use super::{CHUNK, parts};
 use crate::apps::vertex_sums::VertexSums;
@@ -34,6 +34,8 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const LEAST: f64 = 1e-38;
 /// Share of the area at creases beyond which faces are drawn flat.
 const FLAT: f64 = 0.05;
+/// Bytes that the entries of a part take: as lists, and once more in the whole text.
+const PER_PART: u64 = 2048;
 /// Vertices a chunk.
 const VERTICES: usize = 1 << 14;
 
@@ -70,7 +72,9 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
         let sums = VertexSums::of(mesh, run)?;
         scene.normals = (sums.creased(mesh, run)? < FLAT).then_some(sums);
     }
-    let json = padded(scene.json().to_string());
+    let bytes = PER_PART * scene.triangles.iter().filter(|count| **count > 0).count() as u64;
+    let _grant_of_parts = run.budget.take("parts of the scene", bytes, bytes)?;
+    let json = padded(scene.json());
     let width = if scene.normals.is_some() { 24 } else { 12 };
     let binary = width * vertices + 12 * scene.triangles.iter().sum::<u64>();
     let total = 12 + 8 + json.len() as u64 + 8 + binary;
@@ -83,6 +87,23 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
         return Err(Error::unusable(path, problem, "write .ply instead, or scale the mesh"));
     }
     publish(path, total, |file| scene.write(path, file, total, &json, binary))
+}
+
+/// Entries of a JSON array, as text with commas.
+#[derive(Default)]
+struct List {
+    text: String,
+    count: usize,
+}
+
+impl List {
+    fn push(&mut self, entry: Value) {
+        if self.count > 0 {
+            self.text.push(',');
+        }
+        self.text += &entry.to_string();
+        self.count += 1;
+    }
 }
 
 /// `text` filled up to a multiple of four bytes.
@@ -197,13 +218,15 @@ impl<'a> Scene<'a> {
         });
     }
 
-    fn json(&self) -> Value {
+    /// The scene's description. Entries are text at once: as values they take ten times as much.
+    fn json(&self) -> String {
         let vertices = self.mesh.positions.len() as u64;
-        let mut views = vec![json!({"buffer": 0, "byteLength": 12 * vertices, "target": ARRAY_BUFFER})];
-        let mut accessors = vec![json!({
+        let (mut views, mut accessors) = (List::default(), List::default());
+        views.push(json!({"buffer": 0, "byteLength": 12 * vertices, "target": ARRAY_BUFFER}));
+        accessors.push(json!({
             "bufferView": 0, "componentType": FLOAT, "count": vertices, "type": "VEC3",
             "min": self.low, "max": self.high,
-        })];
+        }));
         let mut attributes = json!({"POSITION": 0});
         let mut offset = 12 * vertices;
         if self.normals.is_some() {
@@ -214,33 +237,34 @@ impl<'a> Scene<'a> {
             accessors.push(json!({"bufferView": 1, "componentType": FLOAT, "count": vertices, "type": "VEC3"}));
             offset += 12 * vertices;
         }
-        let (mut materials, mut meshes, mut nodes) = (Vec::new(), Vec::new(), vec![Value::Null]);
+        let (mut materials, mut meshes, mut nodes) = (List::default(), List::default(), List::default());
         for (label, &count) in self.triangles.iter().enumerate().filter(|(_, count)| **count > 0) {
             let colour = self.labelling.colours.get(label).copied().unwrap_or([128; 3]);
             let name = self.labelling.name(label).map_or_else(|| format!("part {label}"), String::from);
             let [r, g, b] = colour.map(linear);
-            let primitive = json!({"attributes": attributes, "indices": accessors.len(), "material": materials.len()});
+            let primitive = json!({"attributes": attributes, "indices": accessors.count, "material": materials.count});
             let extras = json!({"label": label, "faces": self.faces[label], "area": self.area[label]});
-            nodes.push(json!({"name": name, "mesh": meshes.len(), "extras": extras}));
+            nodes.push(json!({"name": name, "mesh": meshes.count, "extras": extras}));
             meshes.push(json!({"name": name, "primitives": [primitive]}));
             let surface = json!({"baseColorFactor": [r, g, b, 1.], "metallicFactor": 0., "roughnessFactor": 0.9});
             materials.push(json!({"name": name, "doubleSided": true, "pbrMetallicRoughness": surface}));
             accessors.push(json!({
-                "bufferView": views.len(), "componentType": UNSIGNED_INT, "count": 3 * count, "type": "SCALAR",
+                "bufferView": views.count, "componentType": UNSIGNED_INT, "count": 3 * count, "type": "SCALAR",
             }));
             let target = ELEMENT_ARRAY_BUFFER;
             views.push(json!({"buffer": 0, "byteOffset": offset, "byteLength": 12 * count, "target": target}));
             offset += 12 * count;
         }
-        nodes[0] = json!({"name": "parts", "children": (1..nodes.len()).collect::<Vec<_>>()});
+        let mut root = json!({"name": "parts", "children": (1..=nodes.count).collect::<Vec<_>>()});
         if self.middle != [0.; 3] {
-            nodes[0]["translation"] = json!(self.middle);
+            root["translation"] = json!(self.middle);
         }
-        json!({
-            "asset": {"version": "2.0", "generator": concat!("nystrom-stream ", env!("CARGO_PKG_VERSION"))},
-            "scene": 0, "scenes": [{"nodes": [0]}], "nodes": nodes, "meshes": meshes,
-            "materials": materials, "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": offset}],
-        })
+        let asset = json!({"version": "2.0", "generator": concat!("nystrom-stream ", env!("CARGO_PKG_VERSION"))});
+        let comma = if nodes.count > 0 { "," } else { "" };
+        format!(
+            r#"{{"asset":{asset},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{root}{comma}{}],"meshes":[{}],"materials":[{}],"accessors":[{}],"bufferViews":[{}],"buffers":[{{"byteLength":{offset}}}]}}"#,
+            nodes.text, meshes.text, materials.text, accessors.text, views.text
+        )
     }
 
     fn write(&self, path: &Path, file: &mut File, total: u64, json: &str, binary: u64) -> Result<()> {
