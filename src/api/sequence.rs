@@ -51,7 +51,7 @@ impl Sequencer {
         self
     }
 
-    /// The number of landmarks of spectral orders; by default 10.
+    /// The number of landmarks of spectral orders, 3 to 4096; by default 10.
     #[must_use]
     pub fn landmarks(mut self, count: usize) -> Self {
         self.params.landmarks = Some(count);
@@ -61,7 +61,7 @@ impl Sequencer {
     /// Orders `mesh`.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for no landmarks, [`crate::Error::WorkDir`], [`crate::Error::Memory`],
+    /// [`crate::Error::Parameter`] for landmarks out of range, [`crate::Error::WorkDir`], [`crate::Error::Memory`],
     /// [`crate::Error::Io`], [`crate::Error::Cancelled`].
     pub fn run(&self, mesh: &Mesh) -> Result<Sequence> {
         self.options.with(|context, _| {

@@ -303,6 +303,7 @@ fn what_a_file_cannot_hold_and_options_without_effect_are_refused() {
     // These ended in failed allocations, in panics, or after minutes.
     told(SamplingQuality::new().seeds(u64::MAX).run(&mesh).map(drop), "seeds");
     told(Matcher::new().landmarks(1 << 20).run(&mesh, &mesh).map(drop), "landmarks");
+    told(Sequencer::new().landmarks(2).run(&mesh).map(drop), "landmarks");
     told(Mesh::creature(2_100_000_000).map(drop), "faces");
     for threads in [usize::MAX / 8, usize::MAX] {
         SamplingQuality::new()

@@ -132,9 +132,10 @@ impl<'a> Sequencer<'a> {
 
     fn spectral(&self, sweeps: usize, landmarks: Option<usize>) -> Result<MappedSlice<u32>> {
         let run = self.context.run;
-        if landmarks.is_some_and(|l| l > LANDMARKS_AT_MOST) {
+        // Fewer have no second vector to order by.
+        if landmarks.is_some_and(|l| !(3..=LANDMARKS_AT_MOST).contains(&l)) {
             let problem = format!("{} landmarks", landmarks.unwrap_or(0));
-            return Err(Error::parameter("landmarks", problem, format!("choose from 1 to {LANDMARKS_AT_MOST}")));
+            return Err(Error::parameter("landmarks", problem, format!("choose from 3 to {LANDMARKS_AT_MOST}")));
         }
         let (graph, rows) = self.rows(landmarks)?;
         let n = self.mesh().positions.len();
