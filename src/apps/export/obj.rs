@@ -452,6 +452,19 @@ mod tests {
         assert!(
             text.ends_with("o part_0\ng part_0\nusemtl part_0\nf 1 3 4\no part_1\ng part_1\nusemtl part_1\nf 1 2 3\n")
         );
-        assert!(own.unwrap().contains("newmtl part_1\nKd 0.0000 0.0000 1.0000\n"));
+        assert!(own.unwrap().contains("newmtl part_1\nKd 0.000000 0.000000 1.000000\n"));
+    }
+
+    /// Readers took a library that no face uses for ours, and a name that is not UTF-8 was destroyed.
+    #[test]
+    fn libraries_are_those_of_the_materials_byte_for_byte() {
+        let text = "mtllib in.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n";
+        let (out, own) = written("in.obj", text, &[0, 1]);
+        assert!(out.contains("mtllib out.mtl\n") && !out.contains("in.mtl") && own.is_some(), "{out}");
+        let dir = tempfile::tempdir().unwrap();
+        let place = dir.path().join(OsStr::from_bytes(b"l\xe9 mat.mtl"));
+        std::fs::write(&place, "").unwrap();
+        assert_eq!(libraries(b" l\xe9 mat.mtl # ours", dir.path()), [place]);
+        assert_eq!(libraries(b" a.mtl b.mtl", dir.path()), ["a.mtl", "b.mtl"].map(|name| dir.path().join(name)));
     }
 }
