@@ -127,7 +127,8 @@ impl SharedWork<'_> {
         let there = match self.divided {
             Divided::ContractedRows if facts.l == 0 => true,
             Divided::ContractedRows => work.inner(CONTRACTED).ok()?.has_stage(Contraction::NAME, &facts.weights),
-            _ => work.has_stage(WeightsStage::NAME, &facts.weights),
+            // Somebody altered what says that there are no rows.
+            _ => facts.l > 0 && work.has_stage(WeightsStage::NAME, &facts.weights),
         };
         there.then_some(facts)
     }
