@@ -145,7 +145,7 @@ pub fn save(
 
 /// A picture: (height, width, 4) uint8.
 #[pyfunction]
-#[pyo3(signature = (mesh, labels, colours, width, height, views, transparent, legend, lines, up, turn, tilt))]
+#[pyo3(signature = (mesh, labels, colours, names, width, height, views, transparent, legend, lines, up, turn, tilt))]
 pub fn picture<'py>(
     py: Python<'py>,
     mesh: &PyMesh,
