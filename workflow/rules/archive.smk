@@ -19,9 +19,7 @@ rule batch:
         "../envs/nystrom-stream.yaml"
     threads: config["threads"]
     resources:
-        mem_mb=lambda w, attempt: mem_mb(
-            largest(w), ARCHIVE_OPTIONS, None, attempt
-        ),
+        mem_mb=lambda w, attempt: mem_mb(largest(w), ARCHIVE_OPTIONS, None, attempt),
         disk_mb=lambda w: disk_mb(largest(w), ARCHIVE_OPTIONS),
         runtime=lambda w, attempt: runtime(
             largest(w), ARCHIVE_OPTIONS, None, attempt, len(BATCHES[w.batch])
