@@ -77,10 +77,12 @@ impl BandGraph {
                 let span = steps.span(node);
                 counts.push(span.len() as u32);
                 for e in span {
-                    turning.push((steps.weights[e] - centroid_distance[e] * unit).max(0.));
                     let length = edge.length(node, e);
                     let (weight, other) = (length.abs(), steps.indices[e]);
-                    crease.extend(own.map(|own| own.edge(node, other, length)));
+                    match own {
+                        Some(own) => crease.push(own.edge(node, other, length)),
+                        None => turning.push((steps.weights[e] - centroid_distance[e] * unit).max(0.)),
+                    }
                     list.push(match band.binary_search(&other) {
                         Ok(position) => BandEdge { to: position as u32, inside: true, weight },
                         Err(_) => BandEdge { to: labels[other as usize], inside: false, weight },

@@ -5,7 +5,7 @@
 //! vector (Newell's). All corners are used, so that what was closed stays so. Cost: some 5 ns per corner of a fan,
 //! 100 ns where ears are cut off.
 
-use crate::base::vector::{cross, dot, length, minus, unit};
+use crate::base::vector::{add_scaled, cross, dot, length, minus, unit};
 use earcut::Earcut;
 
 /// Relative deviation of areas up to which a triangulation is one without folds.
@@ -70,15 +70,21 @@ fn turned(n: usize, at: &impl Fn(usize) -> [f64; 3], first: usize, scale: f64) -
     square.is_normal().then(|| fan(n, first).any(|corners| dot(area(corners), normal) < -IN_LINE * square))
 }
 
+/// Twice the area vector of a polygon (Newell's), whose corners lie at `spokes` from the first.
+pub(crate) fn double_area_vector(spokes: impl IntoIterator<Item = [f64; 3]>) -> [f64; 3] {
+    let (mut sum, mut before) = ([0.; 3], [0.; 3]);
+    for spoke in spokes {
+        sum = add_scaled(sum, 1., cross(before, spoke));
+        before = spoke;
+    }
+    sum
+}
+
 /// The triangles that ear clipping of a loop with corners `at` makes in the plane of its area vector, wound as it is,
 /// if they use all corners and do not fold.
 pub(crate) fn clipped(at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<Vec<[u32; 3]>> {
     let spokes: Vec<[f64; 3]> = at.iter().map(|&p| minus(p, at[0])).collect();
-    let mut normal = [0.; 3];
-    for pair in spokes.windows(2) {
-        let area = cross(pair[0], pair[1]);
-        (0..3).for_each(|k| normal[k] += area[k]);
-    }
+    let normal = double_area_vector(spokes.iter().copied());
     let size = length(normal);
     if !size.is_normal() {
         return None;

@@ -178,11 +178,10 @@ pub fn tree_of(work: &WorkDir, exact: bool) -> Result<PartTree> {
             continue;
         }
         let inner = if contracted { Some(work.inner(CONTRACTED)?) } else { None };
-        let whole = work;
-        let work = inner.as_deref().unwrap_or(work);
-        if work.holds(TREE) {
-            check_labels(whole, work)?;
-            return checked(&work.json_text(TREE)?, &work.place(TREE));
+        let decided = inner.as_deref().unwrap_or(work);
+        if decided.holds(TREE) {
+            check_labels(work, decided)?;
+            return checked(&decided.json_text(TREE)?, &decided.place(TREE));
         }
     }
     let remedy = "make one: stage `labels`";

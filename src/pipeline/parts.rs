@@ -14,14 +14,14 @@ use super::surface::{Kind, PreparedSurface, SurfaceStage, WeightedSurface};
 use super::units::Units;
 use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
-use crate::cluster::boundary::{self, BoundaryMethod, CellLabels, RefinedLabels};
+use crate::cluster::boundary::{self, BoundaryMethod, BoundarySurface, CellLabels, RefinedLabels};
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::part_totals::PartTotals;
 use crate::cluster::parts::hierarchy::TreeCut;
 use crate::cluster::parts::{self, PartCount, PartTree, PartsParams, PartsResult};
 use crate::distance::DistanceRows;
-use crate::graph::{DualGraph, Metric, NodeOrder};
+use crate::graph::{DualGraph, NodeOrder};
 use crate::store::{Context, MappedSlice};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -48,8 +48,7 @@ struct Located<'a> {
     nodes: &'a [Vec<u32>],
     order: &'a NodeOrder,
     /// The mesh itself, and its work directory.
-    whole: WeightedSurface<'a>,
-    metric: Metric,
+    whole: BoundarySurface<'a>,
     context: Context<'a>,
     /// The contracted node of each node, where there are some.
     units: Option<&'a [u16]>,
@@ -70,8 +69,7 @@ impl Located<'_> {
         // Not where the labels lie: should an edit be refused, those that are there stay.
         let _scratch = self.context.work.scratch(&[SEEN]);
         let method = BoundaryMethod::Front;
-        let RefinedLabels { labels, .. } =
-            boundary::refine(self.whole.boundaries(self.metric), cells, method, SEEN, self.context)?;
+        let RefinedLabels { labels, .. } = boundary::refine(self.whole, cells, method, SEEN, self.context)?;
         Ok(nodes.iter().map(|&node| labels[node as usize]).collect())
     }
 }
@@ -97,7 +95,8 @@ pub(super) fn parts(
     let nodes = requests.corrections.nodes(n, order, context.run)?;
     let (surface, weighted) = weighted(graph, params, context)?;
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
-    let located = Located { requests, nodes: &nodes, order, whole, metric: params.metric, context, units: None };
+    let boundaries = whole.boundaries(params.metric);
+    let located = Located { requests, nodes: &nodes, order, whole: boundaries, context, units: None };
     let PreparedSurface { shares, radius, .. } = &surface;
     let mut decided = decide_parts(whole, params, located, context)?;
     let extrapolated = match params.boundaries {
@@ -108,7 +107,7 @@ pub(super) fn parts(
         extrapolated.as_ref().map_or(BoundaryMethod::Front, |(means, rows)| BoundaryMethod::Embedding(means, rows));
     labels::begin(context.work)?;
     let (refined, _) = context.run.stage("boundaries", "faces", n as u64, || {
-        boundary::refine(whole.boundaries(params.metric), decided.units.cells(), method, LABELS, context)
+        boundary::refine(boundaries, decided.units.cells(), method, LABELS, context)
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
     requests.corrections.tell_unmet(&nodes, &labels, context.run);
@@ -155,8 +154,8 @@ pub(super) fn units(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<Units> {
-    let (requests, metric) = (PartRequests::default(), params.metric);
-    let located = Located { requests, nodes: &[], order, whole, metric, context, units: None };
+    let (requests, boundaries) = (PartRequests::default(), whole.boundaries(params.metric));
+    let located = Located { requests, nodes: &[], order, whole: boundaries, context, units: None };
     Ok(decide_parts(whole, params, located, context)?.units)
 }
 

@@ -7,8 +7,9 @@ use super::camera::{Camera, Vec3};
 use super::raster::{Canvas, Hit, triangles_of};
 use super::vertex_normals::VertexNormals;
 use crate::base::Result;
-use crate::base::vector::{add_scaled, cross, double_area, finite, minus, unit};
+use crate::base::vector::{add_scaled, double_area, finite, minus, unit};
 use crate::mesh::Mesh;
+use crate::mesh::polygon::double_area_vector;
 use crate::store::Run;
 
 // The surface's normal at every sample of a view.
@@ -72,7 +73,7 @@ pub(super) fn normals(
             if last != Some(hit.item) {
                 known.clear();
                 let long = mesh.faces.with(hit.item as usize, |corners| {
-                    (corners.len() > LONG).then(|| camera.frame.of(unit(polygon_area(mesh, corners))))
+                    (corners.len() > LONG).then(|| camera.frame.of(polygon_normal(mesh, corners)))
                 });
                 if let Some(normal) = long {
                     // Any triangle will do.
@@ -106,16 +107,11 @@ pub(super) fn normals(
     smooth(&across, canvas, width, run)
 }
 
-/// The area vector of a polygon (Newell's); corners without a place in space are left out.
-fn polygon_area(mesh: &Mesh, corners: &[u32]) -> Vec3 {
+/// The normal of a polygon as a whole; corners without a place in space are left out.
+fn polygon_normal(mesh: &Mesh, corners: &[u32]) -> Vec3 {
     let mut at = corners.iter().map(|&v| mesh.positions.get(v)).filter(|&p| finite(p));
-    let Some(first) = at.next() else { return [0.0; 3] };
-    let (mut sum, mut before) = ([0.0; 3], [0.0; 3]);
-    for spoke in at.map(|p| minus(p, first)) {
-        sum = add_scaled(sum, 1.0, cross(before, spoke));
-        before = spoke;
-    }
-    sum
+    let first = at.next().unwrap_or_default();
+    unit(double_area_vector(at.map(|p| minus(p, first))))
 }
 
 /// The normal at a point of a face's triangles: in the one that holds it best.
