@@ -69,7 +69,7 @@ impl DecisionStage<'_> {
 
 impl Stage for DecisionStage<'_> {
     const NAME: &'static str = "decision";
-    const VERSION: u32 = 16;
+    const VERSION: u32 = 17;
     type Facts = DecisionFacts;
     type Output = (PartDecision, DecisionFacts);
 

@@ -28,4 +28,5 @@ mod roughness;
 mod scale_order;
 mod strays;
 mod study;
+mod thin_plates;
 mod transfer;

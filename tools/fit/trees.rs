@@ -9,6 +9,7 @@ use nystrom_stream::cluster::parts::labelling::soft_hierarchy;
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
 use nystrom_stream::cluster::parts::merges::{MergeModel, RegionMerge, meeting_probability, merges};
 use nystrom_stream::cluster::parts::region_pieces::RegionPieces;
+use nystrom_stream::cluster::parts::thin::through_thin_places;
 use nystrom_stream::cluster::parts::{CellGraph, PartsParams, Superfaces};
 use nystrom_stream::spectral::anchor::LandmarkDistances;
 use nystrom_stream::store::Run;
@@ -50,7 +51,8 @@ impl Trees {
     pub fn grow(data: Data, model: &MergeModel, count: usize, seed: u64) -> Result<Trees> {
         let run = Run { threads: 1, seed, ..Run::new(&()) };
         let rows = LandmarkDistances::new(&data.rows, data.landmarks, data.cells.len());
-        let ensemble = draw_ensemble(&data.cells, &rows, count, "parts member", &run)?;
+        let short = through_thin_places(&data.cells, rows.clone(), &run)?;
+        let ensemble = draw_ensemble(&data.cells, &short, count, "parts member", &run)?;
         let measured = MeasuredSuperfaces::of(&data.cells, &rows, &ensemble, &run)?;
         let mut examples = Vec::new();
         let grow = |m: &OverSegmentation| {

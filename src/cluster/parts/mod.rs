@@ -45,6 +45,7 @@ pub mod regions;
 mod split;
 pub mod symmetry;
 pub mod thickness;
+pub mod thin;
 
 pub use answer::{PartDecision, PartsReport, PartsResult, cut, describe};
 pub use cell_graph::CellGraph;

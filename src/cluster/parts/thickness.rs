@@ -19,6 +19,8 @@ use std::ops::Range;
 
 /// Rings of rays: how many, and the tangent of their angle with the normal.
 const RINGS: [(usize, f64); 3] = [(1, 0.0), (6, 0.4), (8, 0.85)];
+/// The tangent of the widest.
+const REACH: f64 = RINGS[2].1;
 /// All rays of a cell, and one that hits nothing.
 const RAYS: usize = 16;
 /// Least thickness, in units of √(total area): half a cell.
@@ -104,6 +106,20 @@ struct RayScene<'a> {
     rays: &'a [[f64; RAYS]; 2],
 }
 
+impl RayScene<'_> {
+    /// How many times `way` leads from `from` out of the body through the disc of `cell`, inclined as it is: where it
+    /// does, and more than `least` of `way` is along the disc's normal.
+    #[inline(always)]
+    fn meets(self, cell: u32, from: [f64; 3], way: [f64; 3], least: f64) -> Option<f64> {
+        let j = cell as usize;
+        let (d, n, reach) = (minus(self.cells.centre[j], from), self.cells.normal[j], COVER * self.radius[j]);
+        let facing = dot(way, n);
+        let length = dot(d, n) / facing;
+        let off = add_scaled(d, -length, way);
+        (facing > least && dot(off, off) <= reach * reach).then_some(length)
+    }
+}
+
 /// [`thickness_behind`] for a range of cells, on wide vectors.
 struct CastRays<'a> {
     range: Range<usize>,
@@ -128,7 +144,7 @@ impl SimdKernel for CastRays<'_> {
 fn thickness_behind(scene: RayScene<'_>, i: usize) -> Option<f64> {
     let rays = scene.rays;
     let mut seen = Depths { rays, depths: [f64::INFINITY; RAYS] };
-    discs_behind(scene, i, &mut seen);
+    discs_behind(scene, i, REACH, &mut seen);
     let depths = seen.depths;
     let (mut lengths, mut count) = ([0.0; RAYS], 0);
     for k in (0..RAYS).filter(|&k| depths[k].is_finite()) {
@@ -147,11 +163,67 @@ pub(super) fn cells_behind(cells: &CellGraph, from: &[u32], run: &Run) -> Result
     let scene = discs.scene(cells);
     let hit = |&i: &u32| {
         let mut hits = FirstHits::from(scene, i as usize);
-        discs_behind(scene, i as usize, &mut hits);
+        discs_behind(scene, i as usize, REACH, &mut hits);
         hits.cell.into_iter().flatten().collect::<Vec<u32>>()
     };
     let chunks = run.map_ranges(from.len(), CHUNK, |range| Ok(from[range].iter().map(hit).collect::<Vec<_>>()))?;
     Ok(chunks.concat())
+}
+
+/// The cell straight behind each cell, and how far apart their centres are: the first disc that the normal meets from
+/// within, of those that face away (S).
+///
+/// # Errors
+/// Cancellation.
+pub(super) fn straight_behind(cells: &CellGraph, run: &Run) -> Result<Vec<Option<(u32, f64)>>> {
+    let discs = Discs::of(cells);
+    let scene = discs.scene(cells);
+    let chunks = run.map_ranges(cells.len(), CHUNK, |range| Ok(dispatch(LookStraight { range, scene })))?;
+    Ok(chunks.concat())
+}
+
+/// [`straight_behind`] for a range of cells, on wide vectors.
+struct LookStraight<'a> {
+    range: Range<usize>,
+    scene: RayScene<'a>,
+}
+
+impl SimdKernel for LookStraight<'_> {
+    type Output = Vec<Option<(u32, f64)>>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<Option<(u32, f64)>> {
+        let mut out = Vec::with_capacity(self.range.len());
+        for i in self.range {
+            let mut nearest = Nearest { scene: self.scene, from: i, length: f64::INFINITY, found: None };
+            discs_behind(self.scene, i, 0.0, &mut nearest);
+            out.push(nearest.found);
+        }
+        out
+    }
+}
+
+/// Least cosine between a normal and that of what lies straight behind: the sides of an edge do not.
+const OPPOSITE: f64 = 0.5;
+
+/// The disc that the normal meets first, where discs are inclined as they are, and how far away its centre is.
+struct Nearest<'a> {
+    scene: RayScene<'a>,
+    from: usize,
+    length: f64,
+    found: Option<(u32, f64)>,
+}
+
+impl SeeDisc for Nearest<'_> {
+    #[inline(always)]
+    fn see(&mut self, disc: DiscBehind) {
+        let cells = self.scene.cells;
+        let (from, inward) = (cells.centre[self.from], cells.normal[self.from].map(|c| -c));
+        if let Some(length) = self.scene.meets(disc.cell, from, inward, OPPOSITE).filter(|x| *x < self.length) {
+            let d = minus(cells.centre[disc.cell as usize], from);
+            (self.length, self.found) = (length, Some((disc.cell, dot(d, d).sqrt())));
+        }
+    }
 }
 
 /// What is done with a disc behind a cell. A trait, since closures are not inlined into what is
@@ -205,17 +277,9 @@ impl<'a> FirstHits<'a> {
 
 impl SeeDisc for FirstHits<'_> {
     fn see(&mut self, disc: DiscBehind) {
-        let RayScene { cells, radius, .. } = self.scene;
-        let j = disc.cell as usize;
-        let (d, n, reach) = (minus(cells.centre[j], self.from), cells.normal[j], COVER * radius[j]);
         for k in 0..RAYS {
-            let (way, facing) = (self.ways[k], dot(self.ways[k], n));
-            let length = dot(d, n) / facing;
-            if !(facing > GRAZING && length < self.length[k]) {
-                continue;
-            }
-            let off = add_scaled(d, -length, way);
-            if dot(off, off) <= reach * reach {
+            let met = self.scene.meets(disc.cell, self.from, self.ways[k], GRAZING);
+            if let Some(length) = met.filter(|x| *x < self.length[k]) {
                 (self.length[k], self.cell[k]) = (length, Some(disc.cell));
             }
         }
@@ -233,14 +297,13 @@ struct DiscBehind {
     radius: f64,
 }
 
-/// Shows the discs in the cone of the rays behind cell `i` that face away.
+/// Shows the discs behind cell `i` that face away, in the cone that is `reach` wide where it is 1 deep.
 #[inline(always)]
-fn discs_behind(scene: RayScene<'_>, i: usize, to: &mut impl SeeDisc) {
+fn discs_behind(scene: RayScene<'_>, i: usize, reach: f64, to: &mut impl SeeDisc) {
     let RayScene { cells, radius, blocks, balls, .. } = scene;
     let (x, n) = (cells.centre[i], cells.normal[i]);
     let [u, v] = tangents(n);
-    let cone = RayCone::behind(x, n);
-    let reach = RINGS[2].1;
+    let cone = RayCone::behind(x, n, reach);
     for (at, balls) in (0..).step_by(LANES).zip(balls) {
         let near = balls.near(cone);
         for b in (0..LANES).filter(|&k| near[k]).map(|k| at + k) {
@@ -342,12 +405,13 @@ impl DiscBlock {
 struct RayCone {
     x: [f32; 3],
     n: [f32; 3],
+    reach: f32,
 }
 
 impl RayCone {
     #[inline(always)]
-    fn behind(x: [f64; 3], n: [f64; 3]) -> Self {
-        Self { x: x.map(|c| c as f32), n: n.map(|c| c as f32) }
+    fn behind(x: [f64; 3], n: [f64; 3], reach: f64) -> Self {
+        Self { x: x.map(|c| c as f32), n: n.map(|c| c as f32), reach: reach as f32 }
     }
 
     /// The vector to the `k`-th of several points.
@@ -360,7 +424,7 @@ impl RayCone {
     /// side, meets it or nearly.
     #[inline(always)]
     fn meets(self, d: [f32; 3], deeper: f32, radius_and_disc: f32) -> bool {
-        let (n, reach) = (self.n, RINGS[2].1 as f32);
+        let (n, reach) = (self.n, self.reach);
         let depth = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
         let deepest = depth + deeper;
         let limit = reach * deepest + radius_and_disc;
@@ -447,13 +511,22 @@ mod tests {
         // Balls around everything.
         let all = |b: &BallBlock| BallBlock { x: b.x, radius: [9.0; LANES], radius_and_disc: [9.0; LANES] };
         let all: Vec<BallBlock> = balls.iter().map(all).collect();
-        let cone = |i: usize| RayCone::behind(g.centre[i], g.normal[i]);
+        let cone = |i: usize| RayCone::behind(g.centre[i], g.normal[i], REACH);
         let near = |i| balls.iter().flat_map(|b| b.near(cone(i))).filter(|x| *x).count();
         for i in 0..g.len() {
             let scene = discs.scene(&g);
             assert_eq!(thickness_behind(scene, i), thickness_behind(RayScene { balls: &all, ..scene }, i));
         }
         assert!((0..g.len()).map(near).sum::<usize>() < g.len() * blocks.len() * 2 / 3);
+    }
+
+    #[test]
+    fn straight_behind_a_cell_of_a_tube_is_the_opposite_one() {
+        let g = tube(24, 60, |_| 0.1);
+        for (i, behind) in (0..).zip(straight_behind(&g, &Run::new(&())).unwrap()) {
+            let (cell, depth) = behind.unwrap();
+            assert_eq!((cell, (depth * 1e6).round()), (i / 24 * 24 + (i + 12) % 24, 2e5));
+        }
     }
 
     #[test]

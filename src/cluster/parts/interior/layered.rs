@@ -11,6 +11,7 @@ use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact};
 use crate::cluster::parts::ensemble::{self, MeasuredSuperfaces, Superfaces, draw_ensemble};
 use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::merges::MergeModel;
+use crate::cluster::parts::thin::through_thin_places;
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
 
@@ -37,7 +38,7 @@ pub(in crate::cluster::parts) fn co_association(
     count: usize,
     run: &Run,
 ) -> Result<CoAssociation> {
-    let ensemble = draw_ensemble(cells, rows, count, "parts member", run)?;
+    let ensemble = draw_ensemble(cells, &through_thin_places(cells, rows.clone(), run)?, count, "parts member", run)?;
     let measured = MeasuredSuperfaces::of(cells, rows, &ensemble, run)?;
     let c = ensemble::co_association(cells, &measured, &ensemble, &MergeModel::default(), run)?;
     Ok(CoAssociation { superfaces: measured.superfaces, log_thickness: measured.log_thickness, c })
