@@ -69,7 +69,7 @@ impl DecisionStage<'_> {
 
 impl Stage for DecisionStage<'_> {
     const NAME: &'static str = "decision";
-    const VERSION: u32 = 17;
+    const VERSION: u32 = 18;
     type Facts = DecisionFacts;
     type Output = (PartDecision, DecisionFacts);
 

@@ -20,6 +20,10 @@ use super::matrix::Square;
 /// Share of people expected to have such a patch, at the most. With .3, and without the bound on the mean of C, 1 −
 /// Rand is .0004 to .0009 greater.
 const AGREEMENT: f64 = 0.25;
+/// The same for patches below [`TINY`]: one ear of a scanned horse, for instance.
+const AGREEMENT_TINY: f64 = 0.333;
+/// Share of the area of a tiny patch, at the most. Of 190 models three have such parts between both bounds.
+const TINY: f64 = 0.0075;
 /// Share of the area that a patch has, at the most.
 const LARGEST: f64 = 0.015;
 /// Least mean of C between a patch and the neighbour that it joins.
@@ -74,7 +78,8 @@ fn worst(
     let mut least: Option<(f64, Join)> = None;
     for patch in (0..parts).filter(|&k| area[k] < LARGEST && area[k] > 0.) {
         let agreement = agreement[patch];
-        if agreement >= AGREEMENT || least.as_ref().is_some_and(|(before, _)| agreement >= *before) {
+        let bound = if area[patch] < TINY { AGREEMENT_TINY } else { AGREEMENT };
+        if agreement >= bound || least.as_ref().is_some_and(|(before, _)| agreement >= *before) {
             continue;
         }
         let mean = means_to(co_association, shares, label, &area, patch);
