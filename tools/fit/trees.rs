@@ -3,7 +3,7 @@
 use super::data::{Data, Overlap};
 use nystrom_stream::base::Result;
 use nystrom_stream::cluster::parts::ensemble::{
-    MeasuredSuperfaces, MeetingProbabilities, OverSegmentation, draw_ensemble, mean_over_ensemble,
+    MeasuredSuperfaces, MeetingProbabilities, OverSegmentation, comparison_embedding, draw_ensemble, mean_over_ensemble,
 };
 use nystrom_stream::cluster::parts::labelling::soft_hierarchy;
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
@@ -51,9 +51,10 @@ impl Trees {
     pub fn grow(data: Data, model: &MergeModel, count: usize, seed: u64) -> Result<Trees> {
         let run = Run { threads: 1, seed, ..Run::new(&()) };
         let rows = LandmarkDistances::new(&data.rows, data.landmarks, data.cells.len());
-        let short = through_thin_places(&data.cells, rows.clone(), &run)?;
-        let ensemble = draw_ensemble(&data.cells, &short, count, "parts member", &run)?;
-        let measured = MeasuredSuperfaces::of(&data.cells, &rows, &ensemble, &run)?;
+        let embedding = comparison_embedding(&data.cells, &rows);
+        let rows = through_thin_places(&data.cells, rows, &run)?;
+        let ensemble = draw_ensemble(&data.cells, &rows, count, "parts member", &run)?;
+        let measured = MeasuredSuperfaces::of(&data.cells, &embedding, &ensemble, &run)?;
         let mut examples = Vec::new();
         let grow = |m: &OverSegmentation| {
             let merges = merges(measured.regions(&data.cells, &m.region, m.regions, m.width), model, |_, _| false);

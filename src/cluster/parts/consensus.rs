@@ -8,7 +8,9 @@
 
 use super::answer::PartDecision;
 use super::cell_graph::{CellGraph, compact};
-use super::ensemble::{MeasuredSuperfaces, OverSegmentation, OverSegmentationParams, draw_ensemble};
+use super::ensemble::{
+    MeasuredSuperfaces, OverSegmentation, OverSegmentationParams, comparison_embedding, draw_ensemble,
+};
 use super::hierarchy::{CellUnion, PartTree};
 use super::labelling::unions_within;
 use super::linkage::{Linkage, LinkageRank};
@@ -49,7 +51,12 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
     let params = OverSegmentationParams::single(rows.count);
     let over_segmentation =
         OverSegmentation::new(cells, rows, &params, MIDDLE_WIDTH, run.seed, "parts single clusters");
-    let measured = MeasuredSuperfaces::of(cells, rows, std::slice::from_ref(&over_segmentation), run)?;
+    let measured = MeasuredSuperfaces::of(
+        cells,
+        &comparison_embedding(cells, rows),
+        std::slice::from_ref(&over_segmentation),
+        run,
+    )?;
     let superfaces = &measured.superfaces;
     let list = merges(
         measured.regions(cells, &superfaces.of_cell, superfaces.len(), MIDDLE_WIDTH),
@@ -75,7 +82,7 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
 /// Cancellation.
 pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, run: &Run) -> Result<PartDecision> {
     let ensemble = draw_ensemble(cells, rows, ENSEMBLE, "parts consensus member", run)?;
-    let measured = MeasuredSuperfaces::of(cells, rows, &ensemble, run)?;
+    let measured = MeasuredSuperfaces::of(cells, &comparison_embedding(cells, rows), &ensemble, run)?;
     let superfaces = &measured.superfaces;
     let labels = run.map_chunks(
         ensemble.len(),

@@ -66,7 +66,7 @@ pub fn decide(
         match params.decision {
             Decision::SoftTrees => {
                 let Some(layers) = Layers::of(&cells, run)? else {
-                    let found = layered::co_association(&cells, &rows, params.ensemble_size, run)?;
+                    let found = layered::co_association(&cells, rows, params.ensemble_size, run)?;
                     return decide_symmetric(&cells, found, params.small_part, run);
                 };
                 let found = layered::of_layers(&cells, &rows, &layers, params.ensemble_size, run)?;

@@ -19,7 +19,7 @@ use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, c
 use super::thickness::log_thickness;
 use crate::base::Result;
 use crate::base::random::{Random, below, mixed, stream};
-use crate::spectral::anchor::{LandmarkDistances, anchor_embedding};
+use crate::spectral::anchor::{AnchorEmbedding, LandmarkDistances, anchor_embedding};
 use crate::store::run::Run;
 use rand_xoshiro::rand_core::Rng;
 
@@ -131,14 +131,20 @@ pub struct MeasuredSuperfaces {
     log_folding: f64,
 }
 
+/// The embedding of all `rows` whose means regions are compared by.
+pub fn comparison_embedding(cells: &CellGraph, rows: &LandmarkDistances) -> AnchorEmbedding {
+    let all: Vec<usize> = (0..rows.count).collect();
+    anchor_embedding(rows, &all, &cells.area_shares(), EMBEDDING_DIMENSIONS, COMPARE_SCALE)
+}
+
 impl MeasuredSuperfaces {
-    /// The superfaces of an ensemble.
+    /// The superfaces of an ensemble, and what regions are compared by: `embedding` is the [`comparison_embedding`].
     ///
     /// # Errors
     /// Cancellation.
     pub fn of(
         cells: &CellGraph,
-        rows: &LandmarkDistances,
+        embedding: &AnchorEmbedding,
         ensemble: &[OverSegmentation],
         run: &Run,
     ) -> Result<MeasuredSuperfaces> {
@@ -150,12 +156,10 @@ impl MeasuredSuperfaces {
         for (i, &a) in of_cell.iter().enumerate().rev() {
             first[a as usize] = i as u32;
         }
-        let all: Vec<usize> = (0..rows.count).collect();
-        let embedding = anchor_embedding(rows, &all, &cells.area_shares(), EMBEDDING_DIMENSIONS, COMPARE_SCALE);
         let log_thickness = log_thickness(cells, run)?;
         Ok(MeasuredSuperfaces {
             sums: convexity(cells, &log_thickness, &of_cell, &RegionPieces::connected(cells, &of_cell, n), run)?,
-            moments: cell_moments(cells, &embedding, &log_thickness),
+            moments: cell_moments(cells, embedding, &log_thickness),
             log_thickness,
             log_folding: log_folding(cells),
             superfaces: Superfaces { area: class_sums(&of_cell, &cells.area, n), of_cell, first },

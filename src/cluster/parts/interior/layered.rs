@@ -34,12 +34,14 @@ pub(in crate::cluster::parts) struct CoAssociation {
 /// Cancellation.
 pub(in crate::cluster::parts) fn co_association(
     cells: &CellGraph,
-    rows: &LandmarkDistances,
+    rows: LandmarkDistances,
     count: usize,
     run: &Run,
 ) -> Result<CoAssociation> {
-    let ensemble = draw_ensemble(cells, &through_thin_places(cells, rows.clone(), run)?, count, "parts member", run)?;
-    let measured = MeasuredSuperfaces::of(cells, rows, &ensemble, run)?;
+    let embedding = ensemble::comparison_embedding(cells, &rows);
+    let rows = through_thin_places(cells, rows, run)?;
+    let ensemble = draw_ensemble(cells, &rows, count, "parts member", run)?;
+    let measured = MeasuredSuperfaces::of(cells, &embedding, &ensemble, run)?;
     let c = ensemble::co_association(cells, &measured, &ensemble, &MergeModel::default(), run)?;
     Ok(CoAssociation { superfaces: measured.superfaces, log_thickness: measured.log_thickness, c })
 }
@@ -61,7 +63,7 @@ pub(in crate::cluster::parts) fn of_layers(
     let mut superfaces = 0;
     for layer in &layers.layers {
         let own = rows_of(rows, &home, layer);
-        let found = co_association(&cells.subset(layer), &own, count, run)?;
+        let found = co_association(&cells.subset(layer), own, count, run)?;
         for ((&cell, superface), thickness) in layer.iter().zip(&found.superfaces.of_cell).zip(&found.log_thickness) {
             of_cell[cell as usize] = superfaces + superface;
             log_thickness[cell as usize] = *thickness;
