@@ -7,6 +7,8 @@
 //! analysis* (Computer Graphics Forum 2009), which compares what two faces see inside.
 //!
 //! Over-segmentations are drawn with these distances; regions are compared, and merged, as they lie on the surface.
+//! Cells of a layer that is decided alone are in units of its own area, and its rows in those of the whole: there a way
+//! is longer by the root of the ratio.
 //!
 //! Cost: a ray per cell, a millisecond or two, and two steps per landmark and cell.
 
