@@ -3,13 +3,12 @@
 use super::data::{Data, Overlap};
 use nystrom_stream::base::Result;
 use nystrom_stream::cluster::parts::ensemble::{
-    MeasuredSuperfaces, MeetingProbabilities, OverSegmentation, comparison_embedding, draw_ensemble, mean_over_ensemble,
+    MeetingProbabilities, OverSegmentation, mean_over_ensemble, measured_ensemble,
 };
 use nystrom_stream::cluster::parts::labelling::soft_hierarchy;
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
 use nystrom_stream::cluster::parts::merges::{MergeModel, RegionMerge, meeting_probability, merges};
 use nystrom_stream::cluster::parts::region_pieces::RegionPieces;
-use nystrom_stream::cluster::parts::thin::through_thin_places;
 use nystrom_stream::cluster::parts::{CellGraph, PartsParams, Superfaces};
 use nystrom_stream::spectral::anchor::LandmarkDistances;
 use nystrom_stream::store::Run;
@@ -51,10 +50,7 @@ impl Trees {
     pub fn grow(data: Data, model: &MergeModel, count: usize, seed: u64) -> Result<Trees> {
         let run = Run { threads: 1, seed, ..Run::new(&()) };
         let rows = LandmarkDistances::new(&data.rows, data.landmarks, data.cells.len());
-        let embedding = comparison_embedding(&data.cells, &rows);
-        let rows = through_thin_places(&data.cells, rows, &run)?;
-        let ensemble = draw_ensemble(&data.cells, &rows, count, "parts member", &run)?;
-        let measured = MeasuredSuperfaces::of(&data.cells, &embedding, &ensemble, &run)?;
+        let (ensemble, measured) = measured_ensemble(&data.cells, rows, count, &run)?;
         let mut examples = Vec::new();
         let grow = |m: &OverSegmentation| {
             let merges = merges(measured.regions(&data.cells, &m.region, m.regions, m.width), model, |_, _| false);

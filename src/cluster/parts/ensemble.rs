@@ -17,6 +17,7 @@ use super::merges::{MergeModel, meeting_probability, merges};
 use super::region_pieces::RegionPieces;
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments};
 use super::thickness::log_thickness;
+use super::thin::through_thin_places;
 use crate::base::Result;
 use crate::base::random::{Random, below, mixed, stream};
 use crate::spectral::anchor::{AnchorEmbedding, LandmarkDistances, anchor_embedding};
@@ -91,6 +92,24 @@ pub fn draw_ensemble(
             Ok(OverSegmentation::new(cells, rows, &params, width, run.seed, &format!("{purpose} {k} clusters")))
         },
     )
+}
+
+/// The ensemble of `count` that parts are decided by, and its superfaces: drawn with ways through thin places
+/// ([`super::thin`]), compared as they lie on the surface.
+///
+/// # Errors
+/// Cancellation.
+pub fn measured_ensemble(
+    cells: &CellGraph,
+    rows: LandmarkDistances,
+    count: usize,
+    run: &Run,
+) -> Result<(Vec<OverSegmentation>, MeasuredSuperfaces)> {
+    let embedding = comparison_embedding(cells, &rows);
+    let rows = through_thin_places(cells, rows, run)?;
+    let ensemble = draw_ensemble(cells, &rows, count, "parts member", run)?;
+    let measured = MeasuredSuperfaces::of(cells, &embedding, &ensemble, run)?;
+    Ok((ensemble, measured))
 }
 
 /// What each landmark is called in random draws: the name of the cell nearest to it, told apart from others' there.

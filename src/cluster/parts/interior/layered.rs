@@ -8,10 +8,9 @@
 use super::enclosed::Layers;
 use crate::base::{Error, Result};
 use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact};
-use crate::cluster::parts::ensemble::{self, MeasuredSuperfaces, Superfaces, draw_ensemble};
+use crate::cluster::parts::ensemble::{self, Superfaces, measured_ensemble};
 use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::merges::MergeModel;
-use crate::cluster::parts::thin::through_thin_places;
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
 
@@ -38,10 +37,7 @@ pub(in crate::cluster::parts) fn co_association(
     count: usize,
     run: &Run,
 ) -> Result<CoAssociation> {
-    let embedding = ensemble::comparison_embedding(cells, &rows);
-    let rows = through_thin_places(cells, rows, run)?;
-    let ensemble = draw_ensemble(cells, &rows, count, "parts member", run)?;
-    let measured = MeasuredSuperfaces::of(cells, &embedding, &ensemble, run)?;
+    let (ensemble, measured) = measured_ensemble(cells, rows, count, run)?;
     let c = ensemble::co_association(cells, &measured, &ensemble, &MergeModel::default(), run)?;
     Ok(CoAssociation { superfaces: measured.superfaces, log_thickness: measured.log_thickness, c })
 }
