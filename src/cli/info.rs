@@ -4,7 +4,7 @@ use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs, WorkDirArgs, either};
 use super::output::{JsonArgs, Significant};
 use super::progress::{counted, human, tell_error};
-use super::sink::{check_places, scratch_beside};
+use super::sink::{check_places, recorded_mesh, scratch_beside};
 use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
 use nystrom_stream::base::printable::line;
@@ -167,7 +167,9 @@ fn measured(m: &MeshMeasures) -> String {
 
 pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let path = either(&args.path, &args.work_dir);
-    check_places(&args.path, Some(path).filter(|path| path.is_dir()), &args.json.json)?;
+    let folder = Some(path).filter(|path| path.is_dir());
+    let inputs = [args.path.clone(), folder.and_then(recorded_mesh)];
+    check_places(inputs.iter().flatten(), folder, &args.json.json)?;
     if args.header && path.is_dir() {
         return Err(CliError::Usage("--header goes with a mesh; a work directory has no header".into()));
     }
@@ -216,7 +218,7 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
 pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let bars = args.shown.bars();
     let run = Run { cancel: app.cancel.clone(), ..Run::new(&bars) };
-    check_places([], Some(args.place.path()), &args.json.json)?;
+    check_places(&recorded_mesh(args.place.path()), Some(args.place.path()), &args.json.json)?;
     let work = WorkDir::open_any(args.place.path())?;
     let inner = work.all_inner()?;
     let manifests = [work.manifest()].into_iter().chain(inner.values().map(|inner| inner.manifest()));

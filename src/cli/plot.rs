@@ -12,6 +12,7 @@ use nystrom_stream::pipeline::input::Record;
 use nystrom_stream::pipeline::labels::{self, Labels};
 use nystrom_stream::pipeline::recipe::{self, Eigenvalues};
 use nystrom_stream::store::WorkDir;
+use nystrom_stream::store::json::read_small;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -74,7 +75,7 @@ impl Found {
     }
 
     fn in_file(path: &Path) -> Result<Self> {
-        let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
+        let text = read_small(path)?;
         let wrong = |problem: &str| {
             let remedy = "give a work directory, a hierarchy of `export --tree`, or for eigenvalues a report of `segment --json`";
             Error::unusable(path, problem, remedy)

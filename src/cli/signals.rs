@@ -34,7 +34,8 @@ pub fn cancel_on(run: Cancel) -> Heard {
     let ignored = ignored();
     let handled = [SIGHUP, SIGINT, SIGTERM].into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0);
     let Ok(mut signals) = Signals::new(handled) else { return heard };
-    std::thread::spawn(move || {
+    // Where the system gives no thread, those that work tell it.
+    let _ = std::thread::Builder::new().spawn(move || {
         for signal in signals.forever() {
             if run.is_cancelled() {
                 end_by(signal);

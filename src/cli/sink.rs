@@ -3,11 +3,14 @@
 
 use super::options::CliError;
 use nystrom_stream::base::{Error, Result};
-use nystrom_stream::store::json;
+use nystrom_stream::store::{WorkDir, json, partial_name};
 use std::collections::HashSet;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+
+/// Bytes of the longest name that a file may have.
+const LONGEST_NAME: usize = 255;
 
 /// Where text goes.
 #[derive(Clone, Debug)]
@@ -34,6 +37,12 @@ impl Sink {
     /// Refuses a file whose folder is not there, or takes no file, before any work.
     pub fn check(&self) -> Result<()> {
         let Self::File(path) = self else { return Ok(()) };
+        if path.is_dir() && !path.as_os_str().as_encoded_bytes().ends_with(b"/") {
+            return Err(Error::unusable(path, "is a folder", "name a file"));
+        }
+        if partial_name(path).file_name().is_some_and(|name| name.len() > LONGEST_NAME) {
+            return Err(Error::unusable(path, "its name is too long: it has more than 247 bytes", "shorten it"));
+        }
         let folder = folder_of(path);
         if !folder.is_dir() {
             let problem = format!("its folder {} does not exist", folder.display());
@@ -158,6 +167,12 @@ pub fn check_places<'a>(
     Ok(outputs.into_iter().try_for_each(|path| Sink::of(path).check())?)
 }
 
+/// The mesh that the work directory `folder` is of.
+pub fn recorded_mesh(folder: &Path) -> Option<PathBuf> {
+    let record = WorkDir::open_any(folder).ok()?.manifest().stages.remove("record")?;
+    record.facts["mesh"].as_str().map(PathBuf::from)
+}
+
 /// Refuses outputs that would take the place of an input, or of each other.
 pub fn check_distinct<'a>(
     inputs: impl IntoIterator<Item = &'a PathBuf>,
@@ -168,9 +183,15 @@ pub fn check_distinct<'a>(
     let inputs: HashSet<PathBuf> = inputs.filter_map(|path| place(path)).collect();
     let mut seen = HashSet::new();
     for path in outputs {
+        let partial = place(&partial_name(path)).unwrap_or_default();
         let Some(place) = place(path) else { continue };
         let problem = match () {
             () if inputs.contains(&place) => "is an input, and would be overwritten; name another file",
+            () if inputs.contains(&partial) => {
+                let text =
+                    "is called so with .partial behind while it is written, and that is an input; name another file";
+                return Err(CliError::Usage(format!("{}: {text}", path.display())));
+            }
             () if seen.insert(place) => continue,
             () if path == stdout => {
                 let text = "-: two outputs cannot both go to standard output; give one of them a file";

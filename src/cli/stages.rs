@@ -15,7 +15,7 @@ use super::options::{
 use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, ending, outputs_of, scratch_folder};
 use super::progress::counted;
 use super::results::Cut;
-use super::sink::{check_places, print};
+use super::sink::{check_places, print, recorded_mesh};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::line;
@@ -305,7 +305,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
 pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.shown.bars();
     let run = Run { cancel: app.cancel.clone(), ..Run::new(&bars) };
-    check_places([], Some(args.place.path()), &args.json.json)?;
+    check_places(&recorded_mesh(args.place.path()), Some(args.place.path()), &args.json.json)?;
     let work = open(args.place.path(), &run)?;
     let rows = shard::merge(Context::new(&work, &run))?;
     let told = json!({"work_dir": args.place.path().to_string_lossy(), "rows": rows.len(), "faces": rows.nodes});

@@ -6,7 +6,8 @@ use super::new_file::by_rename;
 use crate::base::{Error, Result};
 use serde::Serialize;
 use serde_json::Value;
-use std::io::Write;
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::Path;
 
 /// `value` as a JSON value; `what` names it in the error.
@@ -15,6 +16,22 @@ use std::path::Path;
 /// [`Error::Internal`] for what JSON cannot tell.
 pub fn value(what: &str, value: &impl Serialize) -> Result<Value> {
     serde_json::to_value(value).map_err(|error| Error::internal(&format!("{what} cannot be told as JSON: {error}")))
+}
+
+/// Greatest file that is read as a whole: what people write, and hierarchies of some two thousand cells.
+const SMALL: u64 = 64 << 20;
+
+/// What the small file `path` holds.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Unusable`] for more than 64 MiB, which no file of its kind has.
+pub fn read_small(path: &Path) -> Result<Vec<u8>> {
+    let mut text = Vec::new();
+    File::open(path).and_then(|file| file.take(SMALL + 1).read_to_end(&mut text)).map_err(Error::io(path, "read"))?;
+    if text.len() as u64 > SMALL {
+        return Err(Error::unusable(path, "is larger than 64 MiB, as no file of its kind is", "name the right file"));
+    }
+    Ok(text)
 }
 
 /// `value` as JSON, for the file `path`.

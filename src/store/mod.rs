@@ -29,6 +29,7 @@ pub mod workdir;
 pub use budget::Budget;
 pub use folder::{PrivateFolder, private as private_folder};
 pub use mapped::{MappedBytes, MappedSlice, MappedSliceMut};
+pub use new_file::partial_name;
 pub use run::{Context, Run};
 pub use stage::Stage;
 pub use workdir::WorkDir;

@@ -737,3 +737,45 @@ fn what_cluster_leaves_is_said_with_where_and_how_to_get_a_mesh() {
         "{told}"
     );
 }
+
+/// Regression: what has an output's name with `.partial` behind was removed, also where it was the mesh. The report of
+/// three commands could replace the mesh of a work directory, and a folder in a report's place was found at the end.
+#[test]
+fn outputs_replace_no_mesh_and_no_folder() {
+    let dir = common::in_memory();
+    let path = |name: &str| dir.path().join(name);
+    let mesh = zoo::dumbbell().write(dir.path());
+    let (work, scan) = (path("work"), path("scan.ply.partial"));
+    segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work), "-o", word(&path("labels.seg"))]);
+    std::fs::rename(&mesh, &scan).unwrap();
+    std::fs::copy(&scan, &mesh).unwrap();
+    let refused = |words: &[&str], code: i32, problem: &str| {
+        let output = run(words);
+        assert_eq!(output.status.code(), Some(code), "{words:?}: {}", errors(&output));
+        assert!(errors(&output).contains(problem), "{words:?}: {}", errors(&output));
+    };
+    let outputs = [path("scan.ply"), path("x.seg")].map(|path| word(&path).to_string());
+    refused(&["segment", word(&scan), "-o", &outputs[0]], 2, "while it is written, and that is an input");
+    let json = format!("--json={}", word(&mesh));
+    for command in ["info", "verify", "merge"] {
+        refused(&[command, "--work-dir", word(&work), &json], 2, "is an input, and would be overwritten");
+    }
+    let folder = format!("--json={}", word(dir.path()));
+    refused(&["segment", word(&mesh), "-o", &outputs[1], &folder], 1, "is a folder; name a file");
+    let long = path(&"x".repeat(250)).with_extension("seg");
+    refused(&["segment", word(&mesh), "-o", word(&long)], 1, "its name is too long");
+    assert!(scan.exists() && std::fs::read(&mesh).unwrap() == std::fs::read(&scan).unwrap());
+}
+
+/// Regression: files of edits, names and hierarchies were read whole whatever their size.
+#[test]
+fn files_that_people_write_are_refused_where_they_are_huge() {
+    let dir = common::in_memory();
+    let (mesh, huge) = (zoo::dumbbell().write(dir.path()), dir.path().join("huge"));
+    std::fs::File::create(&huge).unwrap().set_len(1 << 30).unwrap();
+    for option in ["--edits", "--names"] {
+        let output = run(&["segment", word(&mesh), option, word(&huge), "-o", word(&dir.path().join("x.ply"))]);
+        assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
+        assert!(errors(&output).contains("is larger than 64 MiB"), "{}", errors(&output));
+    }
+}

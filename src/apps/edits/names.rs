@@ -4,6 +4,7 @@
 //! skipped. The file is read whole.
 
 use crate::base::{Error, Result};
+use crate::store::json;
 use std::path::Path;
 
 /// The greatest number of a part that is named.
@@ -14,7 +15,7 @@ const MOST: usize = 1 << 16;
 /// # Errors
 /// [`Error::Io`]; [`Error::Malformed`] naming the line.
 pub fn read_names(path: &Path) -> Result<Vec<String>> {
-    let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let text = json::read_small(path)?;
     of_text(&String::from_utf8_lossy(&text), path)
 }
 

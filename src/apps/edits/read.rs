@@ -40,7 +40,7 @@ impl Edits {
     /// # Errors
     /// [`Error::Io`]; [`Error::Malformed`] naming the edit.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
+        let text = json::read_small(path)?;
         Self::of_text(&text, path)
     }
 
