@@ -11,6 +11,7 @@ use super::output::Output;
 use super::sink::folder_of;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::pipeline::input;
+use nystrom_stream::pipeline::labels::LABELS_VERSION;
 use nystrom_stream::store::json;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -36,7 +37,7 @@ impl Maker {
     /// lies does not count.
     pub fn new(path: &Path, options: &Value) -> Option<Self> {
         let identity = input::identity(path).ok()?;
-        let all = json!([env!("CARGO_PKG_VERSION"), identity["bytes"], identity["ends"], options]);
+        let all = json!([env!("CARGO_PKG_VERSION"), LABELS_VERSION, identity["bytes"], identity["ends"], options]);
         let key = format!("{:016x}", xxh3_64(all.to_string().as_bytes()));
         Some(Self { key, mesh: path.to_path_buf(), identity, whole: OnceLock::new() })
     }

@@ -150,7 +150,7 @@ impl DualGraph {
     /// # Errors
     /// [`crate::base::Error::WorkDir`] where there is none or its files are gone or damaged.
     pub fn kept(work: &WorkDir) -> Result<(Self, Value)> {
-        let kept = work.kept::<GraphStage<'_>>("make it first: stage `graph`")?;
+        let kept = work.kept::<GraphStage<'_>>("make it with the options of before: stage `record`")?;
         Ok((Self::open(work, kept.facts, StartsForm::Packed, kept.key)?, kept.inputs["input"].clone()))
     }
 

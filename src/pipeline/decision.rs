@@ -69,7 +69,7 @@ impl DecisionStage<'_> {
 
 impl Stage for DecisionStage<'_> {
     const NAME: &'static str = "decision";
-    const VERSION: u32 = 18;
+    const VERSION: u32 = labels::DECISION_VERSION;
     type Facts = DecisionFacts;
     type Output = (PartDecision, DecisionFacts);
 
@@ -196,6 +196,11 @@ pub(super) fn decision_key(work: &WorkDir) -> Option<String> {
 /// Refuses a decision in `decided` that is another than the one that the labels in `work` were cut from: a run that was
 /// refused or stopped may have left it.
 fn check_labels(work: &WorkDir, decided: &WorkDir) -> Result<()> {
+    let decision = decided.manifest().stages.remove(DecisionStage::NAME);
+    if decision.is_some_and(|decision| decision.version != DecisionStage::VERSION) {
+        let problem = "its hierarchy of parts was made by another version of the program";
+        return Err(Error::work_dir(work.path(), problem, "cut it once more: stage `labels`"));
+    }
     match labels::decision_of(work) {
         Some(told) if decision_key(decided).is_some_and(|key| key != told) => {
             let problem = "its hierarchy of parts is not the one that its labels were cut from";
@@ -320,7 +325,7 @@ pub(super) fn contraction_in_use(work: &WorkDir, exact: bool) -> Result<Option<A
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`].
 pub fn read_tree(path: &Path) -> Result<PartTree> {
-    checked(&std::fs::read(path).map_err(Error::io(path, "read"))?, path)
+    checked(&json::read_small(path)?, path)
 }
 
 /// The hierarchy that `text`, the content of `path`, tells.

@@ -97,7 +97,7 @@ pub fn same(a: &Value, b: &Value) -> bool {
 }
 
 /// The stage that leaves the record.
-const RECORD: &str = "record";
+pub(super) const RECORD: &str = "record";
 /// Version of what the record tells.
 const RECORD_VERSION: u32 = 2;
 

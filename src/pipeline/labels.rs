@@ -5,17 +5,21 @@
 
 use super::edits::PartMarks;
 use super::params::SegmentParams;
+use super::surface::SurfaceStage;
 use crate::apps::colours;
 use crate::apps::edits::Edits;
 use crate::base::Result;
+use crate::cluster::contract::Contraction;
 use crate::cluster::parts::PartsReport;
 use crate::cluster::parts::agreement::UNSURE;
+use crate::distance::rows::RowsStage;
+use crate::graph::dual::{GraphStage, WeightsStage};
 use crate::graph::order::OrderFacts;
 use crate::graph::{DualGraph, GraphFacts, NodeOrder};
 use crate::landmarks::Sampling;
 use crate::mesh::Labelling;
 use crate::store::manifest::{MANIFEST, StageRecord};
-use crate::store::stage::StageKey;
+use crate::store::stage::{Stage, StageKey};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -28,8 +32,17 @@ pub const LABELS: &str = "labels.npy";
 pub(super) const QUALITY: &str = "quality.npy";
 /// The stage that makes them.
 pub(super) const STAGE: &str = "labels";
-/// Version of the algorithm that makes labels from parts.
-const LABELS_VERSION: u32 = 7;
+/// Version of the algorithm that decides parts, above the cells that it is given.
+pub(super) const DECISION_VERSION: u32 = 18;
+/// Version of the algorithms that labels come from: grows with that of boundaries and colours, the first number, and
+/// with those of all stages before them. Labels of an older program are refused where they would be read.
+pub const LABELS_VERSION: u32 = 8
+    + DECISION_VERSION
+    + GraphStage::VERSION
+    + WeightsStage::VERSION
+    + SurfaceStage::VERSION
+    + RowsStage::VERSION
+    + Contraction::VERSION;
 /// The colour of tiny components that are a part of their own.
 const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
 

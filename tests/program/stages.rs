@@ -396,7 +396,7 @@ fn what_is_missing_is_said() {
 }
 
 /// A dumbbell with specks around it.
-fn tiny(folder: &Path) -> (PathBuf, usize) {
+pub fn tiny(folder: &Path) -> (PathBuf, usize) {
     let mut shape = zoo::dumbbell();
     let body = shape.faces.len();
     for k in 0..6 {
@@ -572,4 +572,40 @@ fn export_only_reads_the_work_directory() {
     let table = path("x.parquet");
     stage(&["export", "-q", "--embedding-columns", "-o", word(&table)], &scene.work);
     assert!(scene.work.join("embedding.npy").exists());
+}
+
+/// Regression: `export` gave the labels and the hierarchy of an older program as if they were today's.
+#[test]
+fn what_an_older_program_made_is_not_exported() {
+    let dir = common::in_memory();
+    let mesh = zoo::dumbbell().write(dir.path());
+    let (work, tree) = (dir.path().join("work"), dir.path().join("tree.json"));
+    segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work)]);
+    let manifest = work.join("manifest.json");
+    let now = std::fs::read_to_string(&manifest).unwrap();
+    for (name, words) in [("labels", ["-o", word(&dir.path().join("x.seg"))]), ("decision", ["--tree", word(&tree)])] {
+        let mut older: serde_json::Value = serde_json::from_str(&now).unwrap();
+        older["stages"][name]["version"] = 1.into();
+        std::fs::write(&manifest, older.to_string()).unwrap();
+        let output = run(&[&["export", "--work-dir", word(&work)][..], &words].concat());
+        assert_eq!(output.status.code(), Some(1), "{name}: {}", errors(&output));
+        assert!(errors(&output).contains("another version of the program"), "{name}: {}", errors(&output));
+    }
+}
+
+/// Regression: a work directory that an older program had made of another mesh was taken over without a word.
+#[test]
+fn the_mesh_of_an_older_record_is_known() {
+    let dir = common::in_memory();
+    let (mesh, other) = (zoo::dumbbell().write(dir.path()), zoo::tetrahedron().write(dir.path()));
+    let work = dir.path().join("work");
+    segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work)]);
+    let manifest = work.join("manifest.json");
+    let mut older: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&manifest).unwrap()).unwrap();
+    older["stages"]["record"]["version"] = 1.into();
+    std::fs::write(&manifest, older.to_string()).unwrap();
+    let output = run(&["segment", word(&other), "-q", "--work-dir", word(&work)]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(errors(&output).contains("is of another mesh"), "{}", errors(&output));
+    segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work)]);
 }
