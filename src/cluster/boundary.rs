@@ -9,6 +9,7 @@
 //!
 //! Only the narrow band is visited. Both fronts can be computed in shares ([`depth_front`], [`band_front`]). Memory:
 //! two mapped arrays of 4 bytes per face; while islands are dissolved, 8 bytes per node of the ring that is visited.
+//! While boundaries are straightened, 16 bytes per edge of the band, 56 on rough surfaces, outside of the budget.
 
 use super::area_shares::AreaShares;
 use super::band_graph::{BandGraph, WeightedLengths};
@@ -55,6 +56,9 @@ pub struct CellLabels<'a> {
     pub of_node: &'a [u16],
     /// Label of each cell (S).
     pub label: &'a [u32],
+    /// The last labels, one for each entry, are further pieces of the part that it names; none where each part counts
+    /// as one. Each piece has an interior of its own, so a small one is not lost beside a large one.
+    pub further: &'a [u32],
     /// Whether each cell (S) has a neighbour of another label; all may have where it is not known.
     pub at_boundary: Option<&'a [bool]>,
 }
@@ -84,8 +88,22 @@ impl CellLabels<'_> {
     }
 
     /// Number of labels.
-    pub fn parts(&self) -> usize {
+    pub fn labels(&self) -> usize {
         self.label.iter().max().map_or(0, |top| *top as usize + 1)
+    }
+
+    /// The part that each label is of.
+    pub fn part_of_label(&self) -> Vec<u32> {
+        (0..(self.labels() - self.further.len()) as u32).chain(self.further.iter().copied()).collect()
+    }
+
+    /// Makes `labels` (n) those of parts.
+    fn join_pieces(&self, labels: &mut [u32], run: &Run) -> Result<()> {
+        if self.further.is_empty() {
+            return Ok(());
+        }
+        let part = self.part_of_label();
+        run.fill_each(labels, CHUNK, |_, label| part[label as usize])
     }
 }
 
@@ -159,7 +177,8 @@ pub fn refine(
     let mut labels = context.work.array::<u32>(file, &[n])?;
     let boundary_nodes = cells.boundary_nodes(steps, context.run)?;
     if boundary_nodes.is_empty() {
-        context.run.fill_each(labels.data(), CHUNK, |i, _| cells.of(i))?;
+        let part = cells.part_of_label();
+        context.run.fill_each(labels.data(), CHUNK, |i, _| part[cells.of(i) as usize])?;
         return Ok(RefinedLabels { labels: labels.finish(false)?, boundary_nodes });
     }
     let half_width = half_width(shares);
@@ -171,7 +190,7 @@ pub fn refine(
     let depth = |i: usize| if visited.has(i) { depth[i] } else { f32::INFINITY };
     // Cells tell the first labels in half the bytes that labels take; those are written where they are needed.
     let measured = |i: usize| (cells.measured(i, shares), depth(i));
-    let limits = interior_limits(n, cells.parts(), measured, half_width, context.run)?;
+    let limits = interior_limits(n, cells.labels(), measured, half_width, context.run)?;
     // The second front starts in the interiors, at distance 0; the narrow band is open.
     let begin = |k: usize, field: &mut [f32], labels: &mut [u32], (): &mut ()| {
         labels.iter_mut().zip(chunk_range(n, CHUNK, k)).for_each(|(label, i)| *label = cells.of(i));
@@ -190,10 +209,12 @@ pub fn refine(
         BoundaryMethod::Front => {
             let of_edge: Vec<u32> = interior_edge.iter().map(|&node| first[node as usize]).collect();
             let front = band_front(weighted, &interior_edge, &of_edge);
-            front.propagate_labels(field.data(), labels.data(), context)?
+            front.propagate_labels(field.data(), labels.data(), context)?;
+            cells.join_pieces(labels.data(), context.run)?;
         }
         BoundaryMethod::Embedding(means, rows) => {
             let field = field.data();
+            cells.join_pieces(labels.data(), context.run)?;
             means.relabel(rows, cells.of_node, |i| field[i] != 0., labels.data(), context.run)?;
             dissolve(steps, &interior_edge, field, labels.data(), context.run)?;
         }
@@ -530,7 +551,7 @@ mod tests {
             let labels: Vec<u32> =
                 (0..w * h).map(|i| (i % w / 8) as u32 + 3 * u32::from(below(&mut random, 9) == 0)).collect();
             let of_node: Vec<u16> = (0..(w * h) as u16).collect();
-            let cells = CellLabels { of_node: &of_node, label: &labels, at_boundary: None };
+            let cells = CellLabels { of_node: &of_node, label: &labels, further: &[], at_boundary: None };
             let all = cells.boundary_nodes(graph, &Run::new(&())).unwrap();
             let touches = |i| graph.neighbours(i).any(|(j, _)| labels[j as usize] != labels[i as usize]);
             let touching: Vec<bool> = (0..labels.len() as u32).map(touches).collect();

@@ -62,12 +62,12 @@ pub(super) fn contraction_and_shares(
     Ok((inner, small))
 }
 
-/// The contracted nodes with the labels and confidences that they have (u).
-pub(super) fn units_of(small: ContractedSurface, label: Vec<u32>, confidence: Vec<f64>) -> Units {
+/// The contracted nodes with the labels and confidences that they have (u), and what labels beyond the parts are of.
+pub(super) fn units_of(small: ContractedSurface, label: Vec<u32>, further: Vec<u32>, confidence: Vec<f64>) -> Units {
     let steps = small.graph.edges.by_distance();
     let touches = |node: u32| steps.neighbours(node).any(|(next, _)| label[next as usize] != label[node as usize]);
     let at_boundary = Some((0..label.len() as u32).map(touches).collect());
-    Units { of_node: small.of_node, label, at_boundary, areas: Some(small.areas), confidence }
+    Units { of_node: small.of_node, label, further, at_boundary, areas: Some(small.areas), confidence }
 }
 
 /// The faces of the mesh that the contracted nodes `landmarks` grew from.

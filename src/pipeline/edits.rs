@@ -59,7 +59,7 @@ impl PartMarks {
     }
 }
 
-/// What parts that are not wanted are called, unless they have a name.
+/// What parts that are not wanted are called.
 const DROPPED: &str = "dropped";
 /// Their colour.
 const DROPPED_COLOUR: [u8; 3] = [128; 3];
@@ -89,26 +89,53 @@ impl Corrections<'_> {
             .ok_or_else(|| Error::parameter("edits", "are not on this mesh", "place them on it"))
     }
 
-    /// Tells which hints and cuts have two places, at `nodes`, in one part all the same: boundaries are refined after
-    /// parts were found on cells, and `labels` (n) are what came of it. Where other edits may have joined them, nothing
-    /// is told.
+    /// Tells which hints, cuts and merges have two places, at `nodes`, in one part all the same, or in two: boundaries
+    /// are refined after parts were found on cells, and `labels` (n) are what came of it. Where later edits may have
+    /// joined or divided them, nothing is told.
     pub(super) fn tell_unmet(&self, nodes: &[Vec<u32>], labels: &[u32], run: &Run) {
         let Some(edits) = self.edits() else { return };
         let joins = |edit: &Edit| matches!(edit, Edit::Merge { .. } | Edit::Drop { .. });
-        let last = edits.edits.iter().rposition(joins);
+        let divides = |edit: &Edit| matches!(edit, Edit::Split { .. } | Edit::Cut { .. });
+        let (joined, divided) = (edits.edits.iter().rposition(joins), edits.edits.iter().rposition(divides));
         for (number, (edit, nodes)) in edits.edits.iter().zip(nodes).enumerate() {
-            let holds = match edit {
-                // Hints come before all other edits.
-                Edit::Apart { .. } => last.is_none(),
-                Edit::Cut { .. } => last.is_none_or(|last| last < number),
-                _ => false,
-            };
             let mut parts: Vec<u32> = nodes.iter().map(|&node| labels[node as usize]).collect();
             parts.sort_unstable();
-            if holds && parts.windows(2).any(|two| two[0] == two[1]) {
-                let problem = "two of its places are in one part once boundaries are refined";
+            let mut two = parts.windows(2);
+            let problem = match edit {
+                // Hints come before all other edits.
+                Edit::Apart { .. } if joined.is_none() => {
+                    two.any(|two| two[0] == two[1]).then_some("two of its places are in one part")
+                }
+                Edit::Cut { .. } if joined.is_none_or(|last| last < number) => {
+                    two.any(|two| two[0] == two[1]).then_some("two of its places are in one part")
+                }
+                Edit::Together { .. } if divided.is_none() => {
+                    two.any(|two| two[0] != two[1]).then_some("its places are in two parts")
+                }
+                Edit::Merge { .. } if divided.is_none_or(|last| last < number) => {
+                    two.any(|two| two[0] != two[1]).then_some("its places are in two parts")
+                }
+                _ => None,
+            };
+            if let Some(problem) = problem {
+                let problem = format!("{problem} once boundaries are refined");
                 run.progress.note(&edits.wrong(number, problem, "move them farther into the parts").to_string());
             }
+        }
+    }
+
+    /// Refuses edits at nodes that are no part's, since `own` says of what has a label of its own.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] naming the edit.
+    pub(super) fn refuse_own(&self, nodes: &[Vec<u32>], what: &str, own: impl Fn(u32) -> bool) -> Result<()> {
+        let Some(edits) = self.edits() else { return Ok(()) };
+        match nodes.iter().position(|nodes| nodes.iter().any(|&node| own(node))) {
+            Some(number) => {
+                let problem = format!("a place of it is on {what}, with a label of their own");
+                Err(edits.wrong(number, problem, "remove the edit, or leave them with the parts beside them"))
+            }
+            None => Ok(()),
         }
     }
 
@@ -248,7 +275,7 @@ fn start(edits: &Edits, cells: usize) -> Option<(PartCount, f64)> {
         return None;
     }
     let exactly = edits.parts.map(|parts| (PartCount::Exactly(parts).at_most(cells), 0.));
-    exactly.or(edits.detail.map(|detail| (PartCount::Found, detail)))
+    Some(exactly.unwrap_or((PartCount::Found, edits.detail.unwrap_or(0.))))
 }
 
 /// The label of each cell in `parts` parts, of which some are `kept`, by the edits that protect them in `own`.
@@ -377,7 +404,20 @@ impl<'a> State<'a> {
                 if !others.is_empty() {
                     self.check(number, first)?;
                     others.iter().try_for_each(|&other| self.check(number, other))?;
+                    let before: Vec<u32> = cells.iter().map(|&cell| part(cell)).collect();
                     self.label.iter_mut().filter(|label| others.contains(label)).for_each(|label| *label = first);
+                    // The part keeps what was said of any of its places, of the first one before others.
+                    for other in before {
+                        if let Some(name) = self.names.remove(&other) {
+                            self.names.entry(first).or_insert(name);
+                        }
+                        if let Some(colour) = self.colours.remove(&other) {
+                            self.colours.entry(first).or_insert(colour);
+                        }
+                        if self.dropped.remove(&other) {
+                            self.dropped.insert(first);
+                        }
+                    }
                 }
             }
             Edit::Split { into, .. } => {

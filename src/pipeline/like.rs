@@ -171,17 +171,26 @@ pub fn settle(
 ) -> Result<SegmentedMesh> {
     let counts = tally(result.labels.iter().copied().zip(carried.values.iter().copied()));
     let parts = reference.parts();
+    // Tiny components and walls that are a part of their own are none of the reference's, whatever was carried to them.
+    let own = [result.numbers.walls_label, result.numbers.tiny_components_label];
     // What nothing was carried to gets a number of its own.
     let mut of_label = vec![(0u64, parts as u32); result.colours.len()];
     for ((label, value), count) in counts {
         if value > 0
+            && !own.contains(&Some(label))
             && let Some(best) = of_label.get_mut(label as usize).filter(|best| count > best.0)
         {
             *best = (count, value - 1);
         }
     }
-    let number: Vec<u32> = of_label.iter().map(|best| best.1).collect();
-    let all = parts + usize::from(number.contains(&(parts as u32)));
+    let mut number: Vec<u32> = of_label.iter().map(|best| best.1).collect();
+    let is_unknown = |(label, &number): (u32, &u32)| number as usize == parts && !own.contains(&Some(label));
+    let some_unknown = (0..).zip(&number).any(is_unknown);
+    let mut all = parts + usize::from(some_unknown);
+    for label in own.into_iter().flatten() {
+        number[label as usize] = all as u32;
+        all += 1;
+    }
     let before = labels::begin(context.work)?;
     let mut labels = context.work.array::<u32>(LABELS, &[result.labels.len()])?;
     let old: &MappedSlice<u32> = &result.labels;
@@ -194,9 +203,13 @@ pub fn settle(
     }
     let grey = |part: usize| reference.colours.get(part).copied().unwrap_or([128; 3]);
     let facts = &mut carried.facts;
-    facts.missing = (0..parts as u32).filter(|&part| faces[part as usize] == 0).collect();
+    // Numbers that the reference leaves out name no part.
+    let mut known = vec![false; parts];
+    let labelled = reference.labels.iter().filter(|label| **label != UNLABELLED);
+    labelled.for_each(|&label| known[label as usize] = true);
+    facts.missing = (0..parts as u32).filter(|&part| known[part as usize] && faces[part as usize] == 0).collect();
     let least = LOOK[usize::from(facts.way == Way::Shape)];
-    facts.look = facts.confidence < least || facts.ambiguous || !facts.missing.is_empty() || all > parts;
+    facts.look = facts.confidence < least || facts.ambiguous || !facts.missing.is_empty() || some_unknown;
     result.labels = labels;
     result.colours = (0..all).map(grey).collect();
     result.names = reference.names.to_vec();

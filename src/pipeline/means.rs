@@ -139,7 +139,7 @@ pub(super) fn on_contraction(
     rows.release(&inner)?;
     let landmarks = faces_of(&numbers.landmarks, &small);
     let confidence = quality.into_iter().map(f64::from).collect();
-    Ok((units_of(small, labels, confidence), SegmentStats { landmarks, ..numbers }))
+    Ok((units_of(small, labels, Vec::new(), confidence), SegmentStats { landmarks, ..numbers }))
 }
 
 /// Labels every face of `graph` by its contraction.

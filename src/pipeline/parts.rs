@@ -18,6 +18,7 @@ use crate::cluster::boundary::{self, BoundaryMethod, BoundarySurface, CellLabels
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::part_totals::PartTotals;
+use crate::cluster::parts::cell_graph::joined_pieces;
 use crate::cluster::parts::hierarchy::TreeCut;
 use crate::cluster::parts::{self, PartCount, PartTree, PartsParams, PartsResult};
 use crate::distance::DistanceRows;
@@ -62,9 +63,9 @@ impl Located<'_> {
         let cells = match self.units {
             Some(of_node) => {
                 of_units = cells.iter().map(|&cell| label[cell as usize]).collect();
-                CellLabels { of_node, label: &of_units, at_boundary: None }
+                CellLabels { of_node, label: &of_units, further: &[], at_boundary: None }
             }
-            None => CellLabels { of_node: cells, label, at_boundary: None },
+            None => CellLabels { of_node: cells, label, further: &[], at_boundary: None },
         };
         // Not where the labels lie: should an edit be refused, those that are there stay.
         let _scratch = self.context.work.scratch(&[SEEN]);
@@ -98,6 +99,10 @@ pub(super) fn parts(
     let boundaries = whole.boundaries(params.metric);
     let located = Located { requests, nodes: &nodes, order, whole: boundaries, context, units: None };
     let PreparedSurface { shares, radius, .. } = &surface;
+    if params.tiny_components == TinyComponents::Own && shares.tiny_nodes > 0 {
+        let tiny = |node: u32| shares.at(node as usize) <= 0.;
+        requests.corrections.refuse_own(&nodes, "tiny components", tiny)?;
+    }
     let mut decided = decide_parts(whole, params, located, context)?;
     let extrapolated = match params.boundaries {
         Boundaries::Front => None,
@@ -236,6 +241,8 @@ fn decide_on_mesh(
         cut = beside_walls(&all.tree, walls, cut, params.parts.count.least())?;
     }
     let mut marks = PartMarks::default();
+    // What corrections join keeps an interior for each of its pieces.
+    let before = (!corrections.is_empty()).then(|| cut.label.clone());
     let unit_of_node = surface.surface.cells()?.of_node.clone();
     if !corrections.is_empty() {
         if is_beyond {
@@ -252,6 +259,9 @@ fn decide_on_mesh(
             affinities: all.affinities(&graph),
             tree: &all.tree,
         };
+        if let Some(walls) = walls {
+            corrections.refuse_own(located.nodes, "walls", |node| walls[(on_cells.cell)(node) as usize])?;
+        }
         (cut, marks) = corrections.apply(on_cells, (count, params.parts.detail), cut)?;
     }
     marks.corrected = !corrections.is_empty() || tree.is_some();
@@ -275,7 +285,9 @@ fn decide_on_mesh(
         report.expected_agreement.clear();
     }
     let numbers = SegmentStats { decision: Some(report), walls_label, ..facts.numbers };
-    let units = Units { of_node: unit_of_node, label: label.clone(), at_boundary: None, areas: None, confidence };
+    let (pieces, further) =
+        joined_pieces(&surface.surface.cells()?.graph.pairs, &label, before.as_ref().unwrap_or(&label), parts);
+    let units = Units { of_node: unit_of_node, label: pieces, further, at_boundary: None, areas: None, confidence };
     Ok(Decided { cells: all.tree.cells(), parts, cell_labels: label, units, numbers, marks })
 }
 
@@ -317,8 +329,8 @@ fn decide_on_contraction(
     let decided = decide_on_mesh(contracted, &own, located, within)?;
     let of_small = &decided.units.of_node;
     let landmarks = faces_of(&decided.numbers.landmarks, &small);
-    let label: Vec<u32> = of_small.iter().map(|&cell| decided.cell_labels[cell as usize]).collect();
+    let label: Vec<u32> = of_small.iter().map(|&cell| decided.units.label[cell as usize]).collect();
     let confidence = of_small.iter().map(|&cell| decided.units.confidence[cell as usize]).collect();
-    let units = units_of(small, label, confidence);
+    let units = units_of(small, label, decided.units.further, confidence);
     Ok(Decided { units, numbers: SegmentStats { landmarks, ..decided.numbers }, ..decided })
 }

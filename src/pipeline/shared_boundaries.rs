@@ -96,7 +96,7 @@ impl BoundaryFacts {
         }
         let shares = depths.shares(work)?.ok_or_else(|| Error::internal("the depths of faces are gone"))?;
         let deep = |node: usize| (cells.measured(node, &surface.shares), shares.distance(node));
-        facts.limits = boundary::interior_limits(n, cells.parts(), deep, depths.limit, run)?;
+        facts.limits = boundary::interior_limits(n, cells.labels(), deep, depths.limit, run)?;
         let interior = |node: usize| shares.distance(node) >= facts.limits[cells.of(node) as usize];
         let edge = boundary::interior_edge(weighted.csr(), interior, run)?;
         facts.sources[1] = edge.len();
@@ -151,7 +151,7 @@ impl BoundaryFacts {
         let of_node = work.inner(CONTRACTED)?.indices(contract::OF_FACE, n, units)?;
         let label = work.indices(UNIT_PARTS, units, self.limits.len())?;
         let edge = work.indices(INTERIOR_EDGE, self.sources[1], n)?;
-        let cells = CellLabels { of_node: &of_node, label: &label, at_boundary: None };
+        let cells = CellLabels { of_node: &of_node, label: &label, further: &[], at_boundary: None };
         let of_edge: Vec<u32> = edge.iter().map(|&node| cells.of(node as usize)).collect();
         let interior =
             |node: usize| Some(cells.of(node)).filter(|part| depths.distance(node) >= self.limits[*part as usize]);

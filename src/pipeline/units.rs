@@ -18,8 +18,10 @@ const CHUNK: usize = 1 << 15;
 pub(super) struct Units {
     /// Unit of each node (n).
     pub of_node: MappedSlice<u16>,
-    /// Label of each unit (u).
+    /// Label of each unit (u): its part, or a further piece of one.
     pub label: Vec<u32>,
+    /// The part of each label beyond the parts: further pieces of what a person has joined.
+    pub further: Vec<u32>,
     /// Whether each unit (u) has a neighbour of another label, where it is known.
     pub at_boundary: Option<Vec<bool>>,
     /// Area of the nodes in each unit (u), in the frame, where it is known.
@@ -31,7 +33,8 @@ pub(super) struct Units {
 impl Units {
     /// The labels as boundaries are drawn from.
     pub fn cells(&self) -> CellLabels<'_> {
-        CellLabels { of_node: &self.of_node, label: &self.label, at_boundary: self.at_boundary.as_deref() }
+        let at_boundary = self.at_boundary.as_deref();
+        CellLabels { of_node: &self.of_node, label: &self.label, further: &self.further, at_boundary }
     }
 
     /// How sure each face's label is: its unit's. Writes `quality.npy`, and does not stamp it.
@@ -51,7 +54,7 @@ impl Units {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn totals(&self, graph: &DualGraph, labels: &[u32], parts: usize, near: bool, run: &Run) -> Result<PartTotals> {
-        let n = labels.len();
+        let (n, part) = (labels.len(), self.cells().part_of_label());
         let areas = self.areas.as_deref().filter(|_| near);
         let blocks = run.map_ranges(n, block_size(n, CHUNK, parts), |range| {
             let mut sums = PartTotals::new(parts);
@@ -61,7 +64,7 @@ impl Units {
                 }
                 let label = labels[i] as usize;
                 sums.faces[label] += 1;
-                let before = areas.map(|_| self.label[self.of_node[i] as usize] as usize);
+                let before = areas.map(|_| part[self.label[self.of_node[i] as usize] as usize] as usize);
                 if before == Some(label) {
                     continue;
                 }
@@ -75,7 +78,7 @@ impl Units {
         })?;
         let mut totals = PartTotals::new(parts);
         if let Some(areas) = areas {
-            self.label.iter().zip(areas).for_each(|(&label, unit)| totals.area[label as usize] += unit);
+            self.label.iter().zip(areas).for_each(|(&label, unit)| totals.area[part[label as usize] as usize] += unit);
         }
         blocks.iter().for_each(|block| totals.add(block));
         Ok(totals)

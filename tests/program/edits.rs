@@ -1,7 +1,8 @@
 //! Corrections: edits named by places, hints painted on faces, and what is said where they cannot be followed.
 
-use crate::common::{creature, errors, in_memory, run, segment, word};
+use crate::common::{creature, data, errors, in_memory, run, segment, word};
 use crate::formats::{has_browser, tool};
+use crate::stages::tiny;
 use nystrom_stream::mesh::{self, Labelling, Mesh, read_seg};
 use nystrom_stream::store::Run;
 use serde_json::{Value, json};
@@ -533,4 +534,89 @@ fn edits_of_a_reference_are_carried_to_others() {
         let gap = own / sizes.iter().sum::<f64>() - area(part as usize);
         assert!(gap.abs() < 0.015, "part {part}: {gap}");
     }
+}
+
+/// Regression: a small part that was joined with a large one it does not touch went back to a third part: the interior
+/// of both together, from which boundaries are refined, had no face in the small one.
+#[test]
+fn small_parts_keep_their_faces_where_they_are_joined_with_large_ones() {
+    let Some(data) = data() else { return };
+    let (dir, mesh) = (in_memory(), data.join("psb/120.ply"));
+    let path = |name: &str| dir.path().join(name);
+    let labels = |edits: Value| {
+        let all = json!({"format": "nystrom-stream edits", "version": 1, "edits": edits});
+        std::fs::write(path("edits.json"), all.to_string()).unwrap();
+        segment(&mesh, &["-q", "--edits", word(&path("edits.json")), "-o", word(&path("x.seg"))]);
+        read_seg(&path("x.seg")).unwrap()
+    };
+    let before = labels(json!([]));
+    let mut faces = vec![Vec::new(); parts(&before) as usize];
+    (0..before.len()).for_each(|face| faces[before[face] as usize].push(face));
+    let (small, large) = (faces.iter().min_by_key(|f| f.len()).unwrap(), faces.iter().max_by_key(|f| f.len()).unwrap());
+    assert!(20 * small.len() < large.len());
+    let (a, b) = (large[large.len() / 2], small[small.len() / 2]);
+    for edits in
+        [json!([{"edit": "merge", "at": [a, b]}]), json!([{"edit": "drop", "at": a}, {"edit": "drop", "at": b}])]
+    {
+        let after = labels(edits.clone());
+        let joined = after[a];
+        assert!(small.iter().chain(large).filter(|&&face| after[face] != joined).count() < 9, "{edits}");
+        assert_eq!(parts(&after), parts(&before) - 1);
+    }
+}
+
+/// Regression: only the number of the first place stayed, so what was said of the other parts was lost.
+#[test]
+fn a_merged_part_keeps_what_was_said_of_any_of_its_places() {
+    let scene = scene(12_000);
+    let (a, b) = (scene.place(0), scene.place(1));
+    let (report, drop) = (scene.dir.path().join("report.json"), json!({"edit": "drop", "at": b}));
+    let dropped = scene.edited(&json!([drop, {"edit": "merge", "at": [a, b]}]), &[]);
+    let last = parts(&dropped) - 1;
+    let faces = |labels: &[u32], part: u32| labels.iter().filter(|label| **label == part).count();
+    let joined = faces(&scene.before, 0) + faces(&scene.before, 1);
+    assert_eq!(last, 7);
+    assert!(faces(&dropped, last).abs_diff(joined) < joined / 50);
+    let marks = json!([{"edit": "name", "at": b, "name": "paw"}, {"edit": "colour", "at": b, "colour": "#010203"}]);
+    let merge = json!({"edit": "merge", "at": [a, b]});
+    let all = json!([marks[0], marks[1], merge]);
+    scene.edited(&all, &[&format!("--json={}", word(&report))]);
+    let told: Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
+    let named = told["parts"].as_array().unwrap().iter().find(|part| part["name"] == "paw").unwrap();
+    assert_eq!(named["colour"], json!([1, 2, 3]));
+}
+
+/// Regression: the part that specks would have joined was dropped, named or cut in their place. And beside a reference
+/// the label of the specks was that of an ordinary part.
+#[test]
+fn specks_with_a_label_of_their_own_are_no_part() {
+    let dir = in_memory();
+    let (mesh, body) = tiny(dir.path());
+    let path = |name: &str| dir.path().join(name);
+    let edits = json!({"format": "nystrom-stream edits", "version": 1, "edits": [{"edit": "drop", "at": body}]});
+    std::fs::write(path("edits.json"), edits.to_string()).unwrap();
+    let words = ["segment", word(&mesh), "-q", "--tiny-components", "own"];
+    let output = run(&[&words[..], &["-k", "3", "--edits", word(&path("edits.json"))]].concat());
+    assert_eq!(output.status.code(), Some(1));
+    let told = errors(&output);
+    assert!(told.contains("edit 1 (drop): a place of it is on tiny components"), "{told}");
+    let report = |name: &str, more: &[&str]| -> Value {
+        let (out, json) = (path(name), format!("--json={}", word(&path("report.json"))));
+        let output = run(&[&words[..], &["-o", word(&out), &json], more].concat());
+        assert!(output.status.success(), "{}", errors(&output));
+        serde_json::from_slice(&std::fs::read(path("report.json")).unwrap()).unwrap()
+    };
+    report("reference.ply", &["-k", "3"]);
+    // Specks take part in no vote, wherever the reference has them.
+    let reference = Mesh::open(path("reference.ply")).unwrap();
+    let mut labels = reference.face_property("label", &Run::new(&())).unwrap();
+    labels[body..].fill(1);
+    // The numbers of people begin anywhere.
+    labels.iter_mut().for_each(|label| *label += 1);
+    let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[] };
+    reference.save(path("people.ply"), labelling).unwrap();
+    let told = report("like.ply", &["--like", word(&path("people.ply"))]);
+    let label = told["tiny_components_label"].as_u64().unwrap() as usize;
+    assert_eq!((label, &told["parts"][label]["faces"]), (4, &json!(24)), "{told}");
+    assert_eq!((&told["like"]["missing"], &told["like"]["look"]), (&json!([]), &json!(false)), "{told}");
 }

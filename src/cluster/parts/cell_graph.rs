@@ -7,6 +7,7 @@
 use crate::base::sort::sort_by;
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 /// A surface as a graph of some two thousand geodesic cells, all that the decisions see of it.
@@ -174,6 +175,41 @@ pub fn connected_pieces(pairs: &[[u32; 2]], label: &[u32]) -> (Vec<u32>, usize) 
     compact(&sets.labels())
 }
 
+/// The pieces of each class of `label` (S), of which there are `parts`, that came together since the labels were
+/// `before` (S): its connected pieces, and of these what were classes that mostly became part of it. Classes of the same
+/// cells as before stay whole. The first piece of a class has its number, further ones follow after the last; second the
+/// class of each of these.
+pub fn joined_pieces(pairs: &[[u32; 2]], label: &[u32], before: &[u32], parts: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut shared: BTreeMap<(u32, u32), usize> = BTreeMap::new();
+    before.iter().zip(label).for_each(|(&then, &now)| *shared.entry((then, now)).or_default() += 1);
+    let (mut were, mut are) = (BTreeMap::<u32, usize>::new(), BTreeMap::<u32, usize>::new());
+    for (&(then, now), &cells) in &shared {
+        *were.entry(then).or_default() += cells;
+        *are.entry(now).or_default() += cells;
+    }
+    let mostly = |i: usize| 2 * shared[&(before[i], label[i])] > were[&before[i]];
+    let same = |i: usize| [were[&before[i]], are[&label[i]]].iter().all(|all| shared[&(before[i], label[i])] == *all);
+    let mut sets = Forest::new(label.len());
+    for &[i, j] in pairs {
+        let (a, b) = (i as usize, j as usize);
+        if label[a] == label[b] && (before[a] == before[b] || !mostly(a) || !mostly(b)) {
+            sets.join(i, j);
+        }
+    }
+    let (piece, count) = compact(&sets.labels());
+    let (mut number, mut first, mut further) = (vec![None; count], vec![true; parts], Vec::new());
+    let numbered = piece.iter().zip(label).enumerate().map(|(i, (&piece, &class))| {
+        *number[piece as usize].get_or_insert_with(|| {
+            if std::mem::replace(&mut first[class as usize], false) || same(i) {
+                return class;
+            }
+            further.push(class);
+            (parts + further.len() - 1) as u32
+        })
+    });
+    (numbered.collect(), further)
+}
+
 /// Classes from `lowest` on with less than `limit` of the area join, smallest first, the
 /// neighbour with which they share the longest boundary; those without neighbours stay.
 ///
@@ -339,6 +375,20 @@ mod tests {
     fn pieces_of_a_class_are_told_apart() {
         let (pairs, _, _) = strip(6);
         assert_eq!(connected_pieces(&pairs, &[0, 1, 1, 0, 0, 1]), (vec![0, 1, 1, 2, 2, 3], 4));
+    }
+
+    #[test]
+    fn classes_fall_into_the_pieces_that_they_were_joined_of() {
+        let pairs = strip(6).0;
+        let label = [0, 1, 1, 0, 0, 1];
+        assert_eq!(joined_pieces(&pairs, &label, &label, 2), (label.to_vec(), vec![]));
+        // 0 lost its first cell to 1, of which the last cell was a class of its own.
+        let now = [1, 1, 1, 0, 0, 1];
+        assert_eq!(joined_pieces(&pairs, &now, &[0, 1, 1, 0, 0, 2], 2), (vec![1, 1, 1, 0, 0, 2], vec![1]));
+        // The first two cells were a class, of which all has joined 1.
+        assert_eq!(joined_pieces(&pairs, &now, &[2, 2, 1, 0, 0, 3], 2), (vec![1, 1, 2, 0, 0, 3], vec![1, 1]));
+        // Other numbers are no other classes.
+        assert_eq!(joined_pieces(&pairs, &label, &[1, 0, 0, 1, 1, 0], 2), (label.to_vec(), vec![]));
     }
 
     #[test]
