@@ -5,8 +5,8 @@
 //! Averaged over edges that go the same way, far along them and hardly across, noise cancels out, and a line that turns
 //! stays one. Edges of a face with many sides keep their own turning: they lie far from each other.
 //!
-//! Cost: some fifty edges are looked at for each, 2 µs per node of the band, at most those of faces with 64 sides; 40 bytes per edge of the band, and 4 per
-//! node of it and thread.
+//! Cost: some fifty edges are looked at for each, 2 µs per node of the band, and at most those of faces with 64 sides;
+//! 40 bytes per edge of the band, and 4 per node of it and thread.
 
 use crate::base::Result;
 use crate::base::vector::{cross, length, minus, wide};

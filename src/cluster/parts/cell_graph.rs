@@ -176,9 +176,9 @@ pub fn connected_pieces(pairs: &[[u32; 2]], label: &[u32]) -> (Vec<u32>, usize) 
 }
 
 /// The pieces of each class of `label` (S), of which there are `parts`, that came together since the labels were
-/// `before` (S): its connected pieces, and of these what were classes that mostly became part of it. Classes of the same
-/// cells as before stay whole. The first piece of a class has its number, further ones follow after the last; second the
-/// class of each of these.
+/// `before` (S): its connected pieces, and of these what were classes that mostly became part of it. Classes of the
+/// same cells as before stay whole. The first piece of a class has its number, further ones follow after the last;
+/// second the class of each of these.
 pub fn joined_pieces(pairs: &[[u32; 2]], label: &[u32], before: &[u32], parts: usize) -> (Vec<u32>, Vec<u32>) {
     let mut shared: BTreeMap<(u32, u32), usize> = BTreeMap::new();
     before.iter().zip(label).for_each(|(&then, &now)| *shared.entry((then, now)).or_default() += 1);

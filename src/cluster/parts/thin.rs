@@ -6,9 +6,9 @@
 //! idea is that of the volumetric part of Liu, Zhang, Shamir and Cohen-Or, *A part-aware surface metric for shape
 //! analysis* (Computer Graphics Forum 2009), which compares what two faces see inside.
 //!
-//! Over-segmentations of the default decision are drawn with these distances; regions are compared, and merged, as they lie on the surface.
-//! Cells of a layer that is decided alone are in units of its own area, and its rows in those of the whole: there a way
-//! is longer by the root of the ratio.
+//! Over-segmentations of the default decision are drawn with these distances; regions are compared, and merged, as
+//! they lie on the surface. Cells of a layer that is decided alone are in units of its own area, and its rows in
+//! those of the whole: there a way is longer by the root of the ratio.
 //!
 //! Cost: a ray per cell, a millisecond or two, and two steps per landmark and cell.
 
