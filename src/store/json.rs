@@ -1,6 +1,7 @@
 //! JSON files that appear by rename when they are whole.
 //!
-//! A value that cannot be written as JSON is an error.
+//! A value that cannot be written as JSON is an error. What people write by hand, JSON or not, is read as a whole,
+//! up to a limit.
 
 use super::new_file::by_rename;
 use crate::base::{Error, Result};

@@ -4,7 +4,7 @@
 use crate::base::{Error, Result};
 use crate::graph::vertex_graph::triangles;
 use crate::mesh::Mesh;
-use crate::store::Run;
+use crate::store::{Run, json};
 use std::path::Path;
 
 /// Faces between two looks at whether the run was cancelled.
@@ -23,7 +23,8 @@ enum Pair {
 /// [`Error::Malformed`] naming the line, [`Error::Unusable`] for a file without pairs, [`Error::Io`],
 /// [`Error::Cancelled`].
 pub fn read(path: &Path, a: &Mesh, b: &Mesh, run: &Run) -> Result<Vec<(u32, u32)>> {
-    let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
+    let text = String::from_utf8(json::read_small(path)?)
+        .map_err(|_| Error::unusable(path, "is no text", "write two vertices, or two points, in each line"))?;
     let mut pairs = Vec::new();
     for (k, line) in text.lines().enumerate() {
         let words: Vec<&str> =

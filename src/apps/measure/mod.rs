@@ -103,6 +103,12 @@ impl Faces<'_> {
         self.whole || corners.iter().all(|&v| finite(self.mesh.positions.get(v)))
     }
 
+    /// The faces that share an edge with `face`. A bridge leads to another body, which may touch this one.
+    fn beside(&self, face: usize) -> impl Iterator<Item = u32> {
+        let edges = self.neighbours.neighbours(face as u32);
+        edges.filter(|(_, length)| *length != 0.).map(|(other, _)| other)
+    }
+
     /// The ends of the edge that leads to corner number `k` of a face.
     fn edge(&self, (face, k): (u32, u32)) -> [[u64; 3]; 2] {
         self.mesh.faces.with(face as usize, |corners| {
@@ -141,7 +147,7 @@ impl Faces<'_> {
             among(edges, &mut look);
             return found;
         }
-        for (other, _) in self.neighbours.neighbours(face as u32) {
+        for other in self.beside(face) {
             if self.mesh.faces.with(other as usize, |corners| corners.len() > LONG) {
                 among(long.own.entry(other).or_insert_with(|| self.edges_of([other])), &mut look);
                 continue;
@@ -168,8 +174,7 @@ impl Faces<'_> {
                 self.mesh.triangles(corners, |_, at| mine.triangle(at.map(|p| self.unit.place(p))));
             }
             if corners.len() > LONG {
-                let neighbours = self.neighbours.neighbours(face as u32).map(|(other, _)| other);
-                long.around = Some((face as u32, self.edges_of(neighbours)));
+                long.around = Some((face as u32, self.edges_of(self.beside(face))));
             }
             for (k, &v) in corners.iter().enumerate() {
                 let ends = [v, corners[if k + 1 == corners.len() { 0 } else { k + 1 }]];
@@ -410,6 +415,20 @@ mod tests {
             let all = with(|context| mesh(&open, context)).unwrap();
             assert_eq!((all.boundary_loops, all.all.open_edges, all.all.volume), (Some(2), 8, None), "{all:?}");
             assert_eq!(all.components, 1);
+        }
+    }
+
+    /// Regression: the bridge between two bodies counted as a border where they touch, so neither had a volume.
+    #[test]
+    fn bodies_that_touch_are_closed() {
+        let (mut points, mut faces) = cuboid([0.; 3], [1.; 3]);
+        let (more, others) = cuboid([1., 0., 0.], [1.; 3]);
+        points.extend(more);
+        faces.extend(others.iter().map(|face| face.map(|v| v + 8)));
+        let both = Mesh::from_slices(&points, &faces).unwrap();
+        let labels: Vec<u32> = (0..24).map(|k| u32::from(k >= 12)).collect();
+        for part in with(|context| parts(&both, &labels, 2, context)).unwrap() {
+            assert!((part.volume.unwrap() - 1.).abs() < 1e-9 && part.neighbours.is_empty(), "{part:?}");
         }
     }
 
