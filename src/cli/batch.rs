@@ -110,7 +110,9 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     args.json.publish(&report)?;
     report.remarks(&params).iter().for_each(|text| run.progress.note(text));
     let faces = format!("{} face{}", human(report.input.faces as f64), if report.input.faces == 1 { "" } else { "s" });
-    run.progress.note_of_work(&ending(&faces, report.parts.len(), start, &job.outputs));
+    // With `--like` the reference may leave numbers out.
+    let parts = report.parts.iter().filter(|part| part.faces > 0).count();
+    run.progress.note_of_work(&ending(&faces, parts, start, &job.outputs));
     Ok(())
 }
 
