@@ -188,9 +188,7 @@ pub fn check_distinct<'a>(
         let problem = match () {
             () if inputs.contains(&place) => "is an input, and would be overwritten; name another file",
             () if inputs.contains(&partial) => {
-                let text =
-                    "is called so with .partial behind while it is written, and that is an input; name another file";
-                return Err(CliError::Usage(format!("{}: {text}", path.display())));
+                "has .partial behind while it is written, as an input; name another file"
             }
             () if seen.insert(place) => continue,
             () if path == stdout => {

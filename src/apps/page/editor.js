@@ -291,7 +291,17 @@ function editorOf(model, bytes) {
       if (edit === 'merge') {
         const others = new Set(cells.map((cell) => label[cell]).filter((part) => part !== first));
         if (!others.size) error = 'These are one part already.';
-        else if ([first, ...others].every(changes)) label.forEach((x, i) => { if (others.has(x)) label[i] = first; });
+        else if ([first, ...others].every(changes)) {
+          label.forEach((x, i) => { if (others.has(x)) label[i] = first; });
+          // The part keeps what was said of any of its places, of the first one before others.
+          for (const part of others) {
+            for (const said of [names, colours]) {
+              if (said.has(part) && !said.has(first)) said.set(first, said.get(part));
+              said.delete(part);
+            }
+            if (dropped.delete(part)) dropped.add(first);
+          }
+        }
       } else if (edit === 'split' && changes(first)) {
         const members = [];
         label.forEach((x, cell) => { if (x === first) members.push(cell); });
