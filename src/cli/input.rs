@@ -14,7 +14,7 @@ use nystrom_stream::pipeline::input::{self, SPOOLED};
 use nystrom_stream::store::{Context, Run, workdir};
 use serde_json::{Value, json};
 use std::fs::File;
-use std::io::Read;
+use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 
 /// Endings of results, which are not taken from folders as meshes.
@@ -25,7 +25,8 @@ const RESULTS: [&str; 2] = [".segmented.ply", ".sequenced.ply"];
 pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
     if path.as_os_str() == "-" {
-        return piped(std::io::stdin().lock(), "<stdin>", force, context);
+        let input = std::io::stdin().as_fd().try_clone_to_owned().map_err(Error::io("<stdin>", "open"))?;
+        return piped(File::from(input), "<stdin>", force, context);
     }
     if is_pipe(path) {
         let pipe = File::open(path).map_err(Error::io(path, "open"))?;
@@ -58,10 +59,10 @@ pub fn check_there(path: &Path) -> Result<(), Error> {
 
 /// The mesh that `source` streams, standard input or a pipe, which is spooled into the work directory. Which mesh it is
 /// shows only then, so it replaces the one that is there when it is admitted.
-fn piped(source: impl Read, name: &str, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
+fn piped(source: File, name: &str, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
     let (input, spooled) = (work.file(SPOOLED), work.file("input.tmp"));
-    let result = told(run, || mesh::open_reader(source, name, &spooled, run)).and_then(|opened| {
+    let result = told(run, || mesh::open_reader(mesh::Pipe(source), name, &spooled, run)).and_then(|opened| {
         let identity = json!({"stdin": workdir::checksum(&spooled)?});
         admit(Path::new("-"), &identity, force.force, context)?;
         std::fs::rename(&spooled, &input).map_err(Error::io(&input, "rename"))?;

@@ -20,7 +20,7 @@ pub mod split_faces;
 pub mod strays;
 
 pub use geometry::{Coordinate, Faces, Mesh};
-pub use open::{open, open_reader};
+pub use open::{Pipe, open, open_reader};
 pub use output::ends_with;
 pub use ply::document::Document;
 pub use ply::labelled::{Labelling, PlyForm, PlyOptions, UNLABELLED, write_labelled, write_labelled_to};

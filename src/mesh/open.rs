@@ -16,6 +16,7 @@ use crate::store::mapped::Access;
 use crate::store::new_file::by_rename;
 use crate::store::{MappedBytes, Run, private_folder};
 use flate2::bufread::MultiGzDecoder;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
@@ -82,13 +83,28 @@ pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
     if is_pipe(path) {
         // It cannot be mapped.
         let pipe = File::open(path).map_err(Error::io(path, "open"))?;
-        return open_stream(pipe, path, &scratch.join("input"), run);
+        return open_stream(Pipe(pipe), path, &scratch.join("input"), run);
     }
     open_bytes(path, MappedBytes::open(path)?, true, scratch, run)
 }
 
+/// A pipe or a terminal. A read that has waited for a tenth of a second says that it was interrupted, so that who reads
+/// can look at whether the run was cancelled: a signal ends no read.
+#[derive(Debug)]
+pub struct Pipe(pub File);
+
+impl Read for Pipe {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let wait = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+        if poll(&mut [PollFd::new(&self.0, PollFlags::IN)], Some(&wait))? == 0 {
+            return Err(ErrorKind::Interrupted.into());
+        }
+        self.0.read(buffer)
+    }
+}
+
 /// Opens a mesh file that comes as a stream, which is spooled to the file `to` first; what has to be decoded lies
-/// beside it. `name` stands for the path in messages.
+/// beside it. `name` stands for the path in messages. From a [`Pipe`] reading stops where the run is cancelled.
 ///
 /// # Errors
 /// As [`open`].

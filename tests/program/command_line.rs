@@ -779,3 +779,35 @@ fn files_that_people_write_are_refused_where_they_are_huge() {
         assert!(errors(&output).contains("is larger than 64 MiB"), "{}", errors(&output));
     }
 }
+
+/// Regression: a signal was heeded at the second time only while standard input sent nothing.
+#[cfg(unix)]
+#[test]
+fn an_interrupt_ends_waiting_for_a_pipe() {
+    use std::os::unix::process::ExitStatusExt;
+    use std::time::{Duration, Instant};
+    let dir = common::in_memory();
+    let out = dir.path().join("x.seg");
+    for words in [&["info", "-"][..], &["segment", "-", "-o", word(&out)]] {
+        let mut child = program()
+            .args(words)
+            .args(["--tmp", word(dir.path())])
+            .stdin(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // It has begun to read once its folder is there.
+        let begun = Instant::now();
+        while names(dir.path()).is_empty() && begun.elapsed() < Duration::from_secs(60) {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let id = child.id().to_string();
+        assert!(std::process::Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+        // Standard input stays open.
+        let input = child.stdin.take();
+        let output = child.wait_with_output().unwrap();
+        drop(input);
+        assert_eq!(output.status.signal(), Some(15), "{words:?}: {}", errors(&output));
+        assert_eq!(names(dir.path()), [""; 0]);
+    }
+}
