@@ -12,6 +12,7 @@ use nystrom_stream::mesh::import;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};
 use nystrom_stream::mesh::size::{is_pipe, shows_when_read, size_of_mesh};
+use nystrom_stream::pipeline::input;
 use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::verify::verify as check;
 use nystrom_stream::store::workdir::Manifest;
@@ -187,8 +188,8 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
     } else {
         format!("{name}, format {}, by {}\n", manifest.format, line(&manifest.program))
     };
-    if let Some(mesh) = manifest.stages.get("record").and_then(|stage| stage.facts["mesh"].as_str()) {
-        let _ = writeln!(text, "of {}", line(mesh));
+    if let Some(mesh) = input::recorded_mesh(&work) {
+        let _ = writeln!(text, "of {}", line(&mesh.to_string_lossy()));
     }
     let mut total = 0;
     let mut list = |manifest: &Manifest, folder: &str| {

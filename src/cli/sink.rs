@@ -3,6 +3,7 @@
 
 use super::options::CliError;
 use nystrom_stream::base::{Error, Result};
+use nystrom_stream::pipeline::input;
 use nystrom_stream::store::{WorkDir, json, partial_name};
 use std::collections::HashSet;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -169,8 +170,7 @@ pub fn check_places<'a>(
 
 /// The mesh that the work directory `folder` is of.
 pub fn recorded_mesh(folder: &Path) -> Option<PathBuf> {
-    let record = WorkDir::open_any(folder).ok()?.manifest().stages.remove("record")?;
-    record.facts["mesh"].as_str().map(PathBuf::from)
+    input::recorded_mesh(&WorkDir::open_any(folder).ok()?)
 }
 
 /// Refuses outputs that would take the place of an input, or of each other.

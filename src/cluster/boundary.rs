@@ -177,8 +177,8 @@ pub fn refine(
     let mut labels = context.work.array::<u32>(file, &[n])?;
     let boundary_nodes = cells.boundary_nodes(steps, context.run)?;
     if boundary_nodes.is_empty() {
-        let part = cells.part_of_label();
-        context.run.fill_each(labels.data(), CHUNK, |i, _| part[cells.of(i) as usize])?;
+        context.run.fill_each(labels.data(), CHUNK, |i, _| cells.of(i))?;
+        cells.join_pieces(labels.data(), context.run)?;
         return Ok(RefinedLabels { labels: labels.finish(false)?, boundary_nodes });
     }
     let half_width = half_width(shares);

@@ -5,11 +5,11 @@
 
 #[cfg(feature = "correspondence")]
 use super::input::content;
-use super::input::{RECORD, Record, same};
+use super::input::{Record, recorded_mesh, same};
 use crate::base::{Error, Result};
 use crate::store::{Context, WorkDir};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Refuses to work on the mesh at `path`, which `identity` tells, in a work directory that is of another mesh, or of
 /// what that file held before it changed; with `force` the directory is emptied instead.
@@ -22,16 +22,14 @@ pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -
             return Err(of_another(path, "is of two meshes, made by `correspond`".into(), work));
         }
         let here = std::path::absolute(path).unwrap_or(path.to_path_buf());
-        let record = match Record::read(work) {
-            Ok(record) => record,
-            // Of the record of another version of the program only the mesh's place is known.
-            Err(_) => match mesh_of_record(work) {
+        let Ok(record) = Record::read(work) else {
+            return match recorded_mesh(work) {
                 Some(mesh) if mesh != here => {
-                    return Err(of_another(path, format!("is of another mesh, {}", mesh.display()), work));
+                    Err(of_another(path, format!("is of another mesh, {}", mesh.display()), work))
                 }
                 // What is no record of anything protects nothing: the stages look after themselves.
-                _ => return Ok(()),
-            },
+                _ => Ok(()),
+            };
         };
         if same(identity, &record.identity) {
             return Ok(());
@@ -55,7 +53,7 @@ pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -
 #[cfg(feature = "correspondence")]
 pub fn admit_two(paths: [&Path; 2], identities: &[Value; 2], force: bool, context: Context<'_>) -> Result<()> {
     admitted(force, context, |work| {
-        if let Some(mesh) = mesh_of_record(work) {
+        if let Some(mesh) = recorded_mesh(work) {
             return Err(of_another(paths[0], format!("is of one mesh, {}", mesh.display()), work));
         }
         for ((path, identity), side) in paths.into_iter().zip(identities).zip(["a", "b"]) {
@@ -87,11 +85,6 @@ pub fn identity_of_two(path: &Path) -> Result<Value> {
     let mut identity = content(path)?;
     identity["file"] = path.file_name().unwrap_or_default().to_string_lossy().into();
     Ok(identity)
-}
-
-/// Where the mesh of a record in `work` lies, whatever version of the program made it.
-fn mesh_of_record(work: &WorkDir) -> Option<PathBuf> {
-    work.manifest().stages.remove(RECORD)?.facts["mesh"].as_str().map(PathBuf::from)
 }
 
 /// What `check` says of a directory that lasts; with `force` one that it refuses is emptied.

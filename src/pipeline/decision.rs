@@ -197,12 +197,12 @@ pub(super) fn decision_key(work: &WorkDir) -> Option<String> {
 /// refused or stopped may have left it.
 fn check_labels(work: &WorkDir, decided: &WorkDir) -> Result<()> {
     let decision = decided.manifest().stages.remove(DecisionStage::NAME);
-    if decision.is_some_and(|decision| decision.version != DecisionStage::VERSION) {
+    if decision.as_ref().is_some_and(|decision| decision.version != DecisionStage::VERSION) {
         let problem = "its hierarchy of parts was made by another version of the program";
         return Err(Error::work_dir(work.path(), problem, "cut it once more: stage `labels`"));
     }
     match labels::decision_of(work) {
-        Some(told) if decision_key(decided).is_some_and(|key| key != told) => {
+        Some(told) if decision.is_some_and(|decision| decision.key != told) => {
             let problem = "its hierarchy of parts is not the one that its labels were cut from";
             Err(Error::work_dir(work.path(), problem, "cut it once more: stage `labels`"))
         }

@@ -98,26 +98,18 @@ impl Corrections<'_> {
         let divides = |edit: &Edit| matches!(edit, Edit::Split { .. } | Edit::Cut { .. });
         let (joined, divided) = (edits.edits.iter().rposition(joins), edits.edits.iter().rposition(divides));
         for (number, (edit, nodes)) in edits.edits.iter().zip(nodes).enumerate() {
+            // Hints come before all other edits.
+            let joined_after = joined.is_some_and(|last| last > number || edit.is_hint());
+            let divided_after = divided.is_some_and(|last| last > number || edit.is_hint());
+            // Whether two places in one part are what is not wanted, or two in two.
+            let (in_one, problem) = match edit {
+                Edit::Apart { .. } | Edit::Cut { .. } if !joined_after => (true, "two of its places are in one part"),
+                Edit::Together { .. } | Edit::Merge { .. } if !divided_after => (false, "its places are in two parts"),
+                _ => continue,
+            };
             let mut parts: Vec<u32> = nodes.iter().map(|&node| labels[node as usize]).collect();
             parts.sort_unstable();
-            let mut two = parts.windows(2);
-            let problem = match edit {
-                // Hints come before all other edits.
-                Edit::Apart { .. } if joined.is_none() => {
-                    two.any(|two| two[0] == two[1]).then_some("two of its places are in one part")
-                }
-                Edit::Cut { .. } if joined.is_none_or(|last| last < number) => {
-                    two.any(|two| two[0] == two[1]).then_some("two of its places are in one part")
-                }
-                Edit::Together { .. } if divided.is_none() => {
-                    two.any(|two| two[0] != two[1]).then_some("its places are in two parts")
-                }
-                Edit::Merge { .. } if divided.is_none_or(|last| last < number) => {
-                    two.any(|two| two[0] != two[1]).then_some("its places are in two parts")
-                }
-                _ => None,
-            };
-            if let Some(problem) = problem {
+            if parts.windows(2).any(|two| (two[0] == two[1]) == in_one) {
                 let problem = format!("{problem} once boundaries are refined");
                 run.progress.note(&edits.wrong(number, problem, "move them farther into the parts").to_string());
             }

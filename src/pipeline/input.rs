@@ -97,7 +97,7 @@ pub fn same(a: &Value, b: &Value) -> bool {
 }
 
 /// The stage that leaves the record.
-pub(super) const RECORD: &str = "record";
+const RECORD: &str = "record";
 /// Version of what the record tells.
 const RECORD_VERSION: u32 = 2;
 
@@ -191,6 +191,12 @@ impl Record {
         }
         Ok(record)
     }
+}
+
+/// Where the mesh of the record in `work` lies, whatever version of the program made it: of the record of another one
+/// nothing else is known.
+pub fn recorded_mesh(work: &WorkDir) -> Option<PathBuf> {
+    work.manifest().stages.remove(RECORD)?.facts["mesh"].as_str().map(PathBuf::from)
 }
 
 /// Bytes of graph and normals a triangle, where geometry is an array.

@@ -285,8 +285,10 @@ fn decide_on_mesh(
         report.expected_agreement.clear();
     }
     let numbers = SegmentStats { decision: Some(report), walls_label, ..facts.numbers };
-    let (pieces, further) =
-        joined_pieces(&surface.surface.cells()?.graph.pairs, &label, before.as_ref().unwrap_or(&label), parts);
+    let (pieces, further) = match before {
+        Some(before) => joined_pieces(&surface.surface.cells()?.graph.pairs, &label, &before, parts),
+        None => (label.clone(), Vec::new()),
+    };
     let units = Units { of_node: unit_of_node, label: pieces, further, at_boundary: None, areas: None, confidence };
     Ok(Decided { cells: all.tree.cells(), parts, cell_labels: label, units, numbers, marks })
 }
