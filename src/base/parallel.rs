@@ -366,6 +366,12 @@ pub fn parts_of<T>(items: &mut [T], ends: impl Iterator<Item = usize>) -> impl I
     })
 }
 
+/// Where the entries of each `size` rows end; those of a row begin at `start` (rows + 1).
+pub fn entry_ends(start: &[u32], size: usize) -> impl Iterator<Item = usize> {
+    let rows = start.len().saturating_sub(1);
+    (0..chunk_count(rows, size)).map(move |k| start[chunk_range(rows, size, k).end] as usize)
+}
+
 /// [`fill_pieces`] over disjoint mutable chunks of `out`, `size` items each.
 ///
 /// # Errors

@@ -50,9 +50,12 @@ impl<P: AsRef<[u32]> + AsMut<[u32]>> Forest<P> {
         i != j
     }
 
-    /// The representative of each member.
-    pub fn labels(mut self) -> Vec<u32> {
-        (0..self.0.as_ref().len() as u32).map(|i| self.find(i)).collect()
+    /// The representative of each member, in place of its parent.
+    pub fn labels(mut self) -> P {
+        let parents = self.0.as_mut();
+        // No parent is greater than its child, so each one's own is its representative by now.
+        (0..parents.len()).for_each(|i| parents[i] = parents[parents[i] as usize]);
+        self.0
     }
 }
 

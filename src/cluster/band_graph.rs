@@ -5,40 +5,55 @@
 //! would only make a boundary ragged. On a rough mesh the faces' own turning counts, averaged along the edges
 //! ([`super::crease`]).
 //!
-//! Cost: a pass over the edges of the band's nodes, which looks up their neighbours by bisection; 90 bytes per node, on
-//! a rough mesh twice as many.
+//! Cost: a pass over the edges of the band's nodes, which looks up their neighbours by bisection. 4 bytes per node of
+//! the band and 16 per edge, on a rough mesh 48, lie in files where the budget is short; 8 per edge stay.
 
-use super::crease::{self, OwnTurning};
+use super::crease::{self, CreaseEdge, OwnTurning};
 use crate::base::Result;
+use crate::base::parallel::{chunk_count, chunk_range, entry_ends, parts_of};
+use crate::distance::voronoi::VisitedPieces;
 use crate::graph::csr::near_ranges;
 use crate::graph::{Csr, SharedEdges};
 use crate::spectral::exp::exp;
-use crate::store::Run;
+use crate::store::{Context, ScratchArray};
+use bytemuck::{Pod, Zeroable};
+use std::ops::Range;
 
 /// Share of the band's edges that are no creases.
 const USUAL: f64 = 0.75;
 /// Turning cost (β|θ|), above that of a usual edge, at which a boundary costs 1/e of what it costs on a flat edge.
 const CREASE: f32 = 1.;
 const CHUNK: usize = 1 << 12;
+/// Nodes that are looked through at a time for those of the band.
+const FIELD_CHUNK: usize = 1 << 15;
 
 /// An edge of a band's node: to another position in the band, or to a fixed node, of which only the label matters.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
 pub struct BandEdge {
-    /// Position in the band, or label.
-    pub to: u32,
-    /// Whether it is a position.
-    pub inside: bool,
+    /// Label, or position in the band with the bit [`INSIDE`].
+    to: u32,
     /// The length of the boundary there, in any unit; less across creases.
     pub weight: f32,
 }
 
+/// Marks positions in a band; both these and labels have 31 bits.
+const INSIDE: u32 = 1 << 31;
+
 /// The edges of all positions of a band.
-#[derive(Clone, Debug)]
-pub struct BandGraph {
+#[derive(Clone, Copy, Debug)]
+pub struct BandGraph<'a> {
     /// First edge of each position (m + 1).
-    pub start: Vec<u32>,
+    pub start: &'a [u32],
     /// All edges.
-    pub edges: Vec<BandEdge>,
+    pub edges: &'a [BandEdge],
+}
+
+/// The arrays of a [`BandGraph`].
+#[derive(Debug)]
+pub struct BandArrays {
+    start: ScratchArray<u32>,
+    edges: ScratchArray<BandEdge>,
 }
 
 /// The graph of all nodes, as a band is taken from it.
@@ -56,14 +71,56 @@ pub struct WeightedLengths<'a> {
     pub own: Option<OwnTurning<'a>>,
 }
 
-impl BandGraph {
+/// The nodes, ascending, that a front has reached beyond where it started, below 0: their `field` (n) is finite.
+///
+/// # Errors
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn band_nodes(field: &[f32], visited: &VisitedPieces, context: Context<'_>) -> Result<ScratchArray<u32>> {
+    let nodes = |k: usize| {
+        let range = if visited.has(k * FIELD_CHUNK) { chunk_range(field.len(), FIELD_CHUNK, k) } else { 0..0 };
+        range.filter(|&i| field[i] >= 0. && field[i] < f32::INFINITY).map(|i| i as u32)
+    };
+    let count = |k: usize, (): &mut ()| Ok(nodes(k).count());
+    let counts = context.run.map_chunks(chunk_count(field.len(), FIELD_CHUNK), || (), count)?;
+    let mut band = ScratchArray::<u32>::new("band.tmp", counts.iter().sum(), context)?;
+    let ends = counts.iter().scan(0, |end, count| {
+        *end += count;
+        Some(*end)
+    });
+    let fill = |k: usize, band: &mut &mut [u32], (): &mut ()| {
+        band.iter_mut().zip(nodes(k)).for_each(|(item, node)| *item = node);
+        Ok(())
+    };
+    context.run.fill_pieces(parts_of(&mut band, ends), || (), fill)?;
+    Ok(band)
+}
+
+impl BandArrays {
     /// The graph of the nodes of `band` (ascending), with fixed nodes of these `labels` (n) around them.
     ///
     /// # Errors
-    /// [`crate::base::Error::Cancelled`].
-    pub fn of(graph: WeightedLengths<'_>, band: &[u32], labels: &[u32], run: &Run) -> Result<Self> {
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+    pub fn of(graph: WeightedLengths<'_>, band: &[u32], labels: &[u32], context: Context<'_>) -> Result<Self> {
         let WeightedLengths { steps, centroid_distance, edge, unit, own } = graph;
-        let chunks = run.map_ranges(band.len(), CHUNK, |range| {
+        let run = context.run;
+        let mut start = ScratchArray::<u32>::new("band_starts.tmp", band.len() + 1, context)?;
+        run.fill_each(&mut start[1..], CHUNK, |i, _| steps.span(band[i]).len() as u32)?;
+        let mut end = 0;
+        for start in start.iter_mut() {
+            end += *start;
+            *start = end;
+        }
+        // On a smooth mesh the weights know how much the surface turns, on a rough one creases are gathered for it.
+        let entries = end as usize;
+        let (smooth, rough) = (usize::from(own.is_none()), usize::from(own.is_some()));
+        let mut edges = ScratchArray::<BandEdge>::new("band_edges.tmp", entries, context)?;
+        let mut turning = ScratchArray::<f32>::new("turning.tmp", smooth * entries, context)?;
+        let mut creases = ScratchArray::<CreaseEdge>::new("creases.tmp", rough * entries, context)?;
+        let pieces = parts_of(&mut edges, entry_ends(&start, CHUNK))
+            .zip(parts_of(&mut turning, entry_ends(&start, CHUNK).map(|end| smooth * end)))
+            .zip(parts_of(&mut creases, entry_ends(&start, CHUNK).map(|end| rough * end)));
+        let fill = |k: usize, ((edges, turning), creases): &mut ((&mut [_], &mut [_]), &mut [_]), (): &mut ()| {
+            let range = chunk_range(band.len(), CHUNK, k);
             // This chunk's rows, and the next one's while it is summed up.
             let soon = || near_ranges(&band[range.start..(range.end + CHUNK).min(band.len())]);
             let entries = || soon().map(|nodes| steps.starts.entries_of(nodes));
@@ -71,59 +128,86 @@ impl BandGraph {
             run.will_need_few(steps.weights, entries());
             run.will_need_few(centroid_distance, entries());
             run.will_need_few(labels, soon());
-            let (mut counts, mut list) = (Vec::with_capacity(range.len()), Vec::with_capacity(3 * range.len()));
-            let (mut turning, mut crease) = (Vec::with_capacity(3 * range.len()), Vec::new());
-            for &node in &band[range] {
-                let span = steps.span(node);
-                counts.push(span.len() as u32);
-                for e in span {
-                    let length = edge.length(node, e);
-                    let (weight, other) = (length.abs(), steps.indices[e]);
-                    match own {
-                        Some(own) => crease.push(own.edge(node, other, length)),
-                        None => turning.push((steps.weights[e] - centroid_distance[e] * unit).max(0.)),
-                    }
-                    list.push(match band.binary_search(&other) {
-                        Ok(position) => BandEdge { to: position as u32, inside: true, weight },
-                        Err(_) => BandEdge { to: labels[other as usize], inside: false, weight },
-                    });
+            let all = band[range].iter().flat_map(|&node| steps.span(node).map(move |e| (node, e)));
+            for (at, (node, e)) in all.enumerate() {
+                let (length, other) = (edge.length(node, e), steps.indices[e]);
+                match own {
+                    Some(own) => creases[at] = own.edge(node, other, length),
+                    None => turning[at] = (steps.weights[e] - centroid_distance[e] * unit).max(0.),
                 }
+                edges[at] = match band.binary_search(&other) {
+                    Ok(position) => BandEdge::inside(position as u32, length.abs()),
+                    Err(_) => BandEdge::leaving(labels[other as usize], length.abs()),
+                };
             }
-            Ok((counts, list, turning, crease))
-        })?;
-        let entries = chunks.iter().map(|chunk| chunk.1.len()).sum();
-        let mut of_band = Self { start: vec![0], edges: Vec::with_capacity(entries) };
-        let (mut end, mut turning, mut crease) = (0, Vec::with_capacity(entries), Vec::new());
-        for (counts, list, turns, creases) in chunks {
-            of_band.start.extend(counts.iter().map(|&count| {
-                end += count;
-                end
-            }));
-            of_band.edges.extend(list);
-            turning.extend(turns);
-            crease.extend(creases);
-        }
+            Ok(())
+        };
+        run.fill_pieces(pieces, || (), fill)?;
         if own.is_some() {
-            let inside = |e: usize| Some(&of_band.edges[e]).filter(|edge| edge.inside).map(|edge| edge.to);
-            turning = crease::averaged(&of_band.start, inside, &crease, run)?;
+            turning = crease::averaged(&start, |e| edges[e].position(), &creases, context)?;
         }
-        let usual = usual_turning(&mut turning.clone());
-        for (edge, turning) in of_band.edges.iter_mut().zip(turning) {
-            edge.weight *= exp(-(turning - usual).max(0.) / CREASE);
-        }
-        Ok(of_band)
+        drop(creases);
+        let usual = {
+            let mut all = ScratchArray::<f32>::new("usual.tmp", entries, context)?;
+            all.copy_from_slice(&turning);
+            usual_turning(&mut all)
+        };
+        run.fill_each(&mut edges, CHUNK, |e, edge| BandEdge {
+            weight: edge.weight * exp(-(turning[e] - usual).max(0.) / CREASE),
+            ..edge
+        })?;
+        Ok(Self { start, edges })
+    }
+
+    /// The graph.
+    pub fn graph(&self) -> BandGraph<'_> {
+        BandGraph { start: &self.start, edges: &self.edges }
+    }
+}
+
+impl<'a> BandGraph<'a> {
+    /// Number of positions.
+    pub fn len(&self) -> usize {
+        self.start.len() - 1
+    }
+
+    /// Whether there are no positions.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Which of the edges are those of a position.
+    pub fn span(&self, position: u32) -> Range<usize> {
+        self.start[position as usize] as usize..self.start[position as usize + 1] as usize
     }
 
     /// The edges of a position.
-    pub fn around(&self, position: u32) -> &[BandEdge] {
-        &self.edges[self.start[position as usize] as usize..self.start[position as usize + 1] as usize]
+    pub fn around(&self, position: u32) -> &'a [BandEdge] {
+        &self.edges[self.span(position)]
     }
 }
 
 impl BandEdge {
+    /// An edge to a position in the band.
+    pub fn inside(position: u32, weight: f32) -> Self {
+        Self { to: position | INSIDE, weight }
+    }
+
+    /// An edge to a fixed node of this label.
+    pub fn leaving(label: u32, weight: f32) -> Self {
+        Self { to: label, weight }
+    }
+
+    /// The position where this edge leads to; none where it leads out of the band.
+    #[inline]
+    pub fn position(&self) -> Option<u32> {
+        (self.to & INSIDE != 0).then_some(self.to & !INSIDE)
+    }
+
     /// The label where this edge leads to, with the `labels` of the band's positions (m).
+    #[inline]
     pub fn label(&self, labels: &[u32]) -> u32 {
-        if self.inside { labels[self.to as usize] } else { self.to }
+        self.position().map_or(self.to, |position| labels[position as usize])
     }
 }
 

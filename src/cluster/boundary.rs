@@ -9,10 +9,11 @@
 //!
 //! Only the narrow band is visited. Both fronts can be computed in shares ([`depth_front`], [`band_front`]). Memory:
 //! two mapped arrays of 4 bytes per face; while islands are dissolved, 8 bytes per node of the ring that is visited.
-//! While boundaries are straightened, 16 bytes per edge of the band, 56 on rough surfaces, outside of the budget.
+//! While boundaries are straightened, 16 bytes per node of the band and 16 per edge, 48 on rough surfaces, which are in
+//! files too where the budget is short.
 
 use super::area_shares::AreaShares;
-use super::band_graph::{BandGraph, WeightedLengths};
+use super::band_graph::{BandArrays, WeightedLengths, band_nodes};
 use super::crease::OwnTurning;
 use super::extrapolate::LocalPartMeans;
 use super::normals::lengths;
@@ -24,7 +25,7 @@ use crate::distance::voronoi::{self, VisitedPieces};
 use crate::distance::{DistanceRows, SharedFront};
 use crate::graph::csr::near_ranges;
 use crate::graph::{Csr, DualGraph, WeightedGraph};
-use crate::store::{Context, MappedSlice, Run};
+use crate::store::{Context, MappedSlice, Run, ScratchArray};
 use std::ops::Range;
 
 /// Half the width of the narrow band around a boundary, which is labelled anew, in units of √(area).
@@ -220,21 +221,21 @@ pub fn refine(
         }
     }
     let depths = Depths { field: field.data(), visited: &visited };
-    let band = straighten(surface, depths, labels.data(), context.run)?;
+    let band = straighten(surface, depths, labels.data(), context)?;
     drop(field);
     context.work.remove("depth.tmp.partial");
     // Outside the band labels differ only between interiors, where they differed at first.
-    let boundary_nodes = at_boundary(steps, [boundary_nodes, band].concat(), labels.data());
+    let boundary_nodes = at_boundary(steps, boundary_nodes.iter().chain(&*band), labels.data());
     Ok(RefinedLabels { labels: labels.finish(false)?, boundary_nodes })
 }
 
 /// Nodes with a neighbour of another label, ascending: those of `candidates`, and such neighbours of theirs.
-fn at_boundary(graph: Csr<'_>, candidates: Vec<u32>, labels: &[u32]) -> Vec<u32> {
-    let across = |i: u32| {
+fn at_boundary<'a>(graph: Csr<'_>, candidates: impl Iterator<Item = &'a u32>, labels: &[u32]) -> Vec<u32> {
+    let across = |&i: &u32| {
         let others = graph.neighbours(i).map(|(j, _)| j);
         others.filter(move |&j| labels[j as usize] != labels[i as usize]).flat_map(move |j| [i, j])
     };
-    let mut nodes: Vec<u32> = candidates.into_iter().flat_map(across).collect();
+    let mut nodes: Vec<u32> = candidates.flat_map(across).collect();
     nodes.sort_unstable();
     nodes.dedup();
     nodes
@@ -252,8 +253,9 @@ fn straighten(
     BoundarySurface { graph, weighted, shares, own }: BoundarySurface<'_>,
     Depths { field, visited }: Depths<'_>,
     labels: &mut [u32],
-    run: &Run,
-) -> Result<Vec<u32>> {
+    context: Context<'_>,
+) -> Result<ScratchArray<u32>> {
+    let run = context.run;
     let (lengths, steps) = (lengths(graph), weighted.csr());
     let mean = mean_weight(lengths);
     let across = |i: usize| steps.neighbours(i as u32).any(|(j, _)| labels[j as usize] != labels[i]);
@@ -277,16 +279,7 @@ fn straighten(
     // Weights of an altered graph may be no numbers.
     let reach = (REACH / shares.unit).max(LEAST_FACES * mean).min((HOPS * PASSES) as f32 * mean);
     voronoi::within(lengths, &open, reach, field, run)?;
-    let field = &*field;
-    let band = run
-        .map_ranges(field.len(), CHUNK, |range| {
-            if !visited.has(range.start) {
-                return Ok(Vec::new());
-            }
-            let inside = |i: &usize| field[*i] >= 0. && field[*i] < f32::INFINITY;
-            Ok(range.filter(inside).map(|i| i as u32).collect::<Vec<u32>>())
-        })?
-        .concat();
+    let band = band_nodes(field, visited, context)?;
     let lengths = WeightedLengths {
         steps,
         centroid_distance: &graph.edges.centroid_distance,
@@ -294,12 +287,11 @@ fn straighten(
         unit: shares.unit,
         own,
     };
-    let graph = BandGraph::of(lengths, &band, labels, run)?;
-    let mut shortened: Vec<u32> = band.iter().map(|&node| labels[node as usize]).collect();
-    shorten(&graph, &mut shortened, run)?;
-    for (&node, label) in band.iter().zip(shortened) {
-        labels[node as usize] = label;
-    }
+    let arrays = BandArrays::of(lengths, &band, labels, context)?;
+    let mut shortened = ScratchArray::<u32>::new("shortened.tmp", band.len(), context)?;
+    shortened.iter_mut().zip(&*band).for_each(|(label, &node)| *label = labels[node as usize]);
+    shorten(arrays.graph(), &mut shortened, context)?;
+    band.iter().zip(&*shortened).for_each(|(&node, &label)| labels[node as usize] = label);
     Ok(band)
 }
 
@@ -562,7 +554,7 @@ mod tests {
             let mut candidates: Vec<u32> = all.iter().copied().filter(|&i| labels[i as usize] % 3 != 1).rev().collect();
             candidates.extend(all.iter().copied().filter(|&i| labels[i as usize] >= 3));
             candidates.extend([0, 5, 200]);
-            assert_eq!(at_boundary(graph, candidates, &labels), all);
+            assert_eq!(at_boundary(graph, candidates.iter(), &labels), all);
         }
     }
 

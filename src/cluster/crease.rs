@@ -6,15 +6,18 @@
 //! stays one. Edges of a face with many sides keep their own turning: they lie far from each other.
 //!
 //! Cost: some fifty edges are looked at for each, 2 µs per node of the band, and at most those of faces with 64 sides;
-//! 40 bytes per edge of the band, and 4 per node of it and thread.
+//! 4 bytes per edge of the band beside what it is given, in a file where the budget is short, and a bit per node of the
+//! band and thread.
 
 use crate::base::Result;
+use crate::base::parallel::{chunk_range, entry_ends, parts_of};
 use crate::base::vector::{cross, length, minus, wide};
 use crate::graph::angle::between;
 use crate::graph::weights::concave;
 use crate::graph::{Metric, NodeView};
 use crate::spectral::exp::exp;
-use crate::store::Run;
+use crate::store::{Context, ScratchArray};
+use bytemuck::{Pod, Zeroable};
 
 /// Faces from an edge's own to the farthest whose edges are looked at.
 const HOPS: usize = 4;
@@ -60,7 +63,8 @@ impl<'a> OwnTurning<'a> {
 }
 
 /// An edge between two faces.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
 pub struct CreaseEdge {
     /// Its middle, and its direction, of unit length or 0.
     middle: [f32; 3],
@@ -98,44 +102,44 @@ fn product(a: [f32; 3], b: [f32; 3]) -> f32 {
 /// (m + 1). `inside` is the position that an edge leads to, none where it leads out of the band.
 ///
 /// # Errors
-/// [`crate::base::Error::Cancelled`].
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn averaged(
     start: &[u32],
     inside: impl Fn(usize) -> Option<u32> + Sync,
     edges: &[CreaseEdge],
-    run: &Run,
-) -> Result<Vec<f32>> {
+    context: Context<'_>,
+) -> Result<ScratchArray<f32>> {
     let m = start.len() - 1;
+    let mut turning = ScratchArray::<f32>::new("averaged.tmp", edges.len(), context)?;
     let span = |i: u32| start[i as usize] as usize..start[i as usize + 1] as usize;
     let many = |i: u32| span(i).len() > MOST_EDGES;
-    let around = |k: usize, seen: &mut Vec<u32>| {
-        let (mut values, mut nodes, mut near) = (Vec::new(), Vec::new(), Vec::new());
-        for i in (k * CHUNK) as u32..((k + 1) * CHUNK).min(m) as u32 {
+    let around = |k: usize, turning: &mut &mut [f32], seen: &mut Marks| {
+        let positions = chunk_range(m, CHUNK, k);
+        let first = start[positions.start] as usize;
+        let (mut nodes, mut near) = (Vec::new(), Vec::new());
+        for i in positions.start as u32..positions.end as u32 {
+            span(i).for_each(|e| turning[e - first] = edges[e].turning);
             if many(i) {
                 continue;
             }
             nodes.clear();
             nodes.push(i);
-            seen[i as usize] = i;
+            seen.add(i);
             let mut ring = 0;
             for _ in 0..HOPS {
                 let end = nodes.len();
                 for at in ring..end {
                     let edges = if many(nodes[at]) { 0..0 } else { span(nodes[at]) };
-                    for next in edges.filter_map(&inside) {
-                        if seen[next as usize] != i {
-                            seen[next as usize] = i;
-                            nodes.push(next);
-                        }
-                    }
+                    nodes.extend(edges.filter_map(&inside).filter(|&next| seen.add(next)));
                 }
                 ring = end;
             }
             // Each edge once: of two positions that were seen the lesser tells it.
-            let told = |p: u32, e: usize| inside(e).is_none_or(|q| p < q || seen[q as usize] != i);
+            let told = |p: u32, e: usize| inside(e).is_none_or(|q| p < q || !seen.has(q));
             near.clear();
             let few = nodes.iter().filter(|&&p| !many(p));
             near.extend(few.flat_map(|&p| span(p).filter(move |&e| told(p, e))).map(|e| edges[e]));
+            nodes.iter().for_each(|&p| seen.remove(p));
             let per_length = near.len() as f32 / near.iter().map(|edge| edge.length).sum::<f32>();
             // The other end's edges are filled in below.
             for e in span(i).filter(|&e| inside(e).is_none_or(|j| i <= j && !many(j))) {
@@ -145,17 +149,18 @@ pub fn averaged(
                     let weight = own.weight(other, per_length);
                     (sum, total) = (sum + weight * other.turning, total + weight);
                 }
-                values.push((e, if total > 0. { sum / total } else { own.turning }));
+                if total > 0. {
+                    turning[e - first] = sum / total;
+                }
             }
         }
-        Ok(values)
+        Ok(())
     };
-    let found = run.map_chunks(m.div_ceil(CHUNK), || vec![u32::MAX; m], around)?;
-    let mut turning: Vec<f32> = edges.iter().map(|edge| edge.turning).collect();
-    found.into_iter().flatten().for_each(|(e, value)| turning[e] = value);
-    for i in 0..m as u32 {
+    let pieces = parts_of(&mut turning, entry_ends(start, CHUNK));
+    context.run.fill_pieces(pieces, || Marks::new(m), around)?;
+    for i in (0..m as u32).filter(|&i| !many(i)) {
         for e in span(i) {
-            if let Some(j) = inside(e).filter(|&j| j < i && !many(j) && !many(i))
+            if let Some(j) = inside(e).filter(|&j| j < i && !many(j))
                 && let Some(twin) = span(j).find(|&twin| inside(twin) == Some(i))
             {
                 turning[e] = turning[twin];
@@ -165,10 +170,44 @@ pub fn averaged(
     Ok(turning)
 }
 
+/// A bit per position.
+struct Marks(Vec<u64>);
+
+impl Marks {
+    fn new(m: usize) -> Self {
+        Self(vec![0; m.div_ceil(64)])
+    }
+
+    fn has(&self, position: u32) -> bool {
+        self.0[position as usize / 64] >> (position % 64) & 1 != 0
+    }
+
+    /// Adds a position; whether it is new.
+    fn add(&mut self, position: u32) -> bool {
+        let (word, bit) = (&mut self.0[position as usize / 64], 1 << (position % 64));
+        let new = *word & bit == 0;
+        *word |= bit;
+        new
+    }
+
+    fn remove(&mut self, position: u32) {
+        self.0[position as usize / 64] &= !(1 << (position % 64));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::base::random::{stream, unit};
+    use crate::store::{Budget, Run, WorkDir};
+
+    /// What is averaged with `threads`, in memory or in files.
+    fn averaged(start: &[u32], to: &[u32], edges: &[CreaseEdge], threads: usize, budget: u64) -> Vec<f32> {
+        let folder = tempfile::tempdir().unwrap();
+        let work = WorkDir::temporary(folder.path()).unwrap();
+        let run = Run { threads, budget: Budget::new(budget), ..Run::new(&()) };
+        super::averaged(start, |e| Some(to[e]), edges, Context::new(&work, &run)).unwrap().to_vec()
+    }
 
     /// A strip of `w` by 8 squares in the plane, whose edges turn at random, and more across its middle.
     fn strip(w: usize) -> (Vec<u32>, Vec<u32>, Vec<CreaseEdge>) {
@@ -199,9 +238,8 @@ mod tests {
     fn a_crease_stands_out_of_noise_and_both_sides_agree() {
         let w = 40;
         let (start, to, edges) = strip(w);
-        let run = Run { threads: 3, ..Run::new(&()) };
-        let turning = averaged(&start, |e| Some(to[e]), &edges, &run).unwrap();
-        assert_eq!(turning, averaged(&start, |e| Some(to[e]), &edges, &Run::new(&())).unwrap());
+        let turning = averaged(&start, &to, &edges, 3, 0);
+        assert_eq!(turning, averaged(&start, &to, &edges, 1, 1 << 30));
         let (mut least, mut most) = (f32::INFINITY, 0f32);
         for i in 0..8 * w {
             for e in start[i] as usize..start[i + 1] as usize {
@@ -232,7 +270,7 @@ mod tests {
             edges.extend([edge(k), edge(sides + k), edge(sides + (k + sides - 1) % sides)]);
             start.push(to.len() as u32);
         }
-        let turning = averaged(&start, |e| Some(to[e]), &edges, &Run::new(&())).unwrap();
+        let turning = averaged(&start, &to, &edges, 2, 0);
         for e in 0..edges.len() {
             let is_of_hub = e < sides || to[e] == 0;
             assert_eq!(turning[e] == edges[e].turning, is_of_hub, "{e}");

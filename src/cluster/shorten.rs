@@ -10,16 +10,20 @@
 //! fixed: no part vanishes. Pieces of the band that do not touch are cut each on its own, at the same time: all limbs
 //! of a body have a boundary with it.
 //!
-//! Cost: flows need tens of passes over bands of 2 [`HOPS`] faces across; 100 bytes per node of the bands that are cut
-//! at the same time, 8 per node of all, and 4 per node and thread.
+//! Cost: flows need tens of passes over bands of 2 [`HOPS`] faces across; 100 bytes per node of the boundaries that are
+//! cut at the same time. 4 bytes per node of all bands, and 4 per node and thread, lie in files where the budget is
+//! short; one thread works then.
 
-use super::band_graph::BandGraph;
+use super::band_graph::{BandEdge, BandGraph};
 use super::max_flow::MaxFlow;
+use crate::base::parallel::lock;
 use crate::base::sort::{map_of, sort_by};
 use crate::base::union_find::Forest;
 use crate::base::{Cancel, Result};
-use crate::store::Run;
+use crate::store::{Context, ScratchArray};
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 /// How far from a boundary, in faces, one cut may move it.
 pub const HOPS: usize = 8;
@@ -27,20 +31,26 @@ pub const HOPS: usize = 8;
 pub const PASSES: usize = 2;
 /// The greatest weight of an edge is this many units.
 const UNITS: f64 = (1 << 20) as f64;
-const NONE: u32 = u32::MAX;
 
 /// Shortens the boundaries between the `labels` (m) of a band's positions.
 ///
 /// # Errors
-/// [`crate::base::Error::Cancelled`].
-pub fn shorten(graph: &BandGraph, labels: &mut [u32], run: &Run) -> Result<()> {
+/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
+pub fn shorten(graph: BandGraph<'_>, labels: &mut [u32], context: Context<'_>) -> Result<()> {
     let greatest = graph.edges.iter().map(|edge| edge.weight).fold(0f32, f32::max);
     if !(greatest > 0. && greatest.is_finite()) {
         return Ok(());
     }
     // In f64, where no length of f32 is too short to be divided by.
     let scale = UNITS / f64::from(greatest);
-    let pieces = pieces(graph);
+    let m = labels.len();
+    let mut pieces = ScratchArray::<u32>::new("pieces.tmp", m, context)?;
+    join_pieces(graph, &mut pieces);
+    // Threads whose numbers of positions find room in memory. One always works, with a file if need be.
+    let budget = &context.run.budget;
+    let run = context.run.with_threads(budget.left().saturating_sub(budget.total() / 2) / (4 * m as u64).max(1));
+    let (made, free) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    let new = || ScratchArray::<u32>::new(&format!("places-{}.tmp", made.fetch_add(1, Relaxed)), m, context);
     let mut moved = BTreeSet::new();
     for pass in 0..PASSES {
         let before = std::mem::take(&mut moved);
@@ -51,8 +61,14 @@ pub fn shorten(graph: &BandGraph, labels: &mut [u32], run: &Run) -> Result<()> {
             let mut begin: Vec<_> = round.iter().map(|(pair, _)| *pair).zip(band.at_boundaries(&round)).collect();
             // The longest first: no thread is left with it in the end.
             sort_by(&mut begin, |a, b| b.1.len().cmp(&a.1.len()));
-            let cut = |k: usize, place: &mut Vec<u32>| band.cut(begin[k].0, &begin[k].1, place, &run.cancel);
-            let changes = run.map_chunks(begin.len(), || vec![NONE; labels.len()], cut)?;
+            let cut = |k: usize, (): &mut ()| {
+                let unused = lock(&free).pop();
+                let mut place = unused.map_or_else(new, Ok)?;
+                let changes = band.cut(begin[k].0, &begin[k].1, &mut place, &run.cancel)?;
+                lock(&free).push(place);
+                Ok(changes)
+            };
+            let changes = run.map_chunks(begin.len(), || (), cut)?;
             for ((pair, _), changes) in begin.iter().zip(changes) {
                 if !changes.is_empty() {
                     moved.extend(*pair);
@@ -67,20 +83,19 @@ pub fn shorten(graph: &BandGraph, labels: &mut [u32], run: &Run) -> Result<()> {
 /// What is cut at a time: two labels, the lesser first, and the piece of the band where they touch.
 type Boundary = ([u32; 2], u32);
 
-/// The connected piece of the band that each position lies in: its least position (m).
-fn pieces(graph: &BandGraph) -> Vec<u32> {
-    let m = graph.start.len() as u32 - 1;
-    let mut forest = Forest::new(m as usize);
-    for position in 0..m {
-        graph.around(position).iter().filter(|edge| edge.inside).for_each(|edge| {
-            forest.join(position, edge.to);
+/// Writes to `pieces` (m) the connected piece of the band that each position lies in: its least position.
+fn join_pieces(graph: BandGraph<'_>, pieces: &mut [u32]) {
+    let mut forest = Forest::over(pieces);
+    for position in 0..graph.len() as u32 {
+        graph.around(position).iter().filter_map(BandEdge::position).for_each(|to| {
+            forest.join(position, to);
         });
     }
-    (0..m).map(|position| forest.find(position)).collect()
+    forest.labels();
 }
 
 /// All pairs of labels that touch, in each piece where they do, ascending.
-fn boundaries(graph: &BandGraph, pieces: &[u32], labels: &[u32]) -> BTreeSet<Boundary> {
+fn boundaries(graph: BandGraph<'_>, pieces: &[u32], labels: &[u32]) -> BTreeSet<Boundary> {
     let of = |position: u32| {
         let (own, piece) = (labels[position as usize], pieces[position as usize]);
         let others = graph.around(position).iter().map(|edge| edge.label(labels));
@@ -127,8 +142,8 @@ fn order_of_pairs(mut pairs: BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
 
 /// A band, its labels before a round, and how many units a boundary's cost of 1 is.
 struct LabelledBand<'a> {
-    graph: &'a BandGraph,
-    /// The [pieces] of all positions (m).
+    graph: BandGraph<'a>,
+    /// The piece of each position (m), as [`join_pieces`] finds them.
     pieces: &'a [u32],
     labels: &'a [u32],
     scale: f64,
@@ -158,30 +173,31 @@ impl LabelledBand<'_> {
     }
 
     /// The positions whose labels the minimum cut between the two labels of `pair` changes, and their new labels.
-    /// `place` (m) is all [`NONE`], before and after.
+    /// `place` (m) is all 0, before and after.
     fn cut(&self, pair: [u32; 2], at_boundary: &[u32], place: &mut [u32], cancel: &Cancel) -> Result<Vec<(u32, u32)>> {
         let nodes = self.strip(pair, at_boundary, place);
         let mut flow = self.flow_between(pair, &nodes, place);
-        nodes.iter().for_each(|&node| place[node as usize] = NONE);
+        nodes.iter().for_each(|&node| place[node as usize] = 0);
         flow.run(cancel)?;
         let label = |k: usize| pair[usize::from(!flow.is_on_source_side(k))];
         let all = nodes.iter().enumerate().map(|(k, &node)| (node, label(k)));
         Ok(all.filter(|&(node, label)| self.labels[node as usize] != label).collect())
     }
 
-    /// The positions of label a or b within [`HOPS`] of the boundary between the two; `place` gets the number of each.
+    /// The positions of label a or b within [`HOPS`] of the boundary between the two; `place` gets the number of each,
+    /// from 1 on.
     fn strip(&self, [a, b]: [u32; 2], at_boundary: &[u32], place: &mut [u32]) -> Vec<u32> {
         let mut nodes = at_boundary.to_vec();
-        nodes.iter().zip(0..).for_each(|(&node, number)| place[node as usize] = number);
+        nodes.iter().zip(1..).for_each(|(&node, number)| place[node as usize] = number);
         let mut ring = 0;
         for _ in 1..HOPS {
             let end = nodes.len();
             for k in ring..end {
-                for edge in self.graph.around(nodes[k]).iter().filter(|edge| edge.inside) {
-                    let (to, own) = (edge.to as usize, self.labels[edge.to as usize]);
-                    if place[to] == NONE && (own == a || own == b) {
-                        place[to] = nodes.len() as u32;
-                        nodes.push(edge.to);
+                for to in self.graph.around(nodes[k]).iter().filter_map(BandEdge::position) {
+                    let own = self.labels[to as usize];
+                    if place[to as usize] == 0 && (own == a || own == b) {
+                        nodes.push(to);
+                        place[to as usize] = nodes.len() as u32;
                     }
                 }
             }
@@ -198,9 +214,9 @@ impl LabelledBand<'_> {
         let (mut start, mut arcs) = (vec![0], Vec::with_capacity(3 * m));
         for (k, &node) in nodes.iter().enumerate() {
             for edge in self.graph.around(node) {
-                let within = if edge.inside { place[edge.to as usize] } else { NONE };
-                if within != NONE {
-                    arcs.push((within, units(edge.weight)));
+                let within = edge.position().map_or(0, |to| place[to as usize]);
+                if within > 0 {
+                    arcs.push((within - 1, units(edge.weight)));
                 } else {
                     let label = edge.label(self.labels);
                     source[k] += if label == a { units(edge.weight) } else { 0 };
@@ -215,12 +231,40 @@ impl LabelledBand<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::band_graph::BandEdge;
     use super::*;
     use crate::base::random::{Random, below, stream};
+    use crate::store::{Budget, Run, WorkDir};
+
+    /// A band that holds its arrays.
+    struct Band {
+        start: Vec<u32>,
+        edges: Vec<BandEdge>,
+    }
+
+    impl Band {
+        fn graph(&self) -> BandGraph<'_> {
+            BandGraph { start: &self.start, edges: &self.edges }
+        }
+    }
+
+    /// What `labels` become with `threads`, in memory or in files.
+    fn shortened(band: &Band, labels: &[u32], threads: usize, budget: u64) -> Vec<u32> {
+        let folder = tempfile::tempdir().unwrap();
+        let work = WorkDir::temporary(folder.path()).unwrap();
+        let run = Run { threads, budget: Budget::new(budget), ..Run::new(&()) };
+        let mut labels = labels.to_vec();
+        shorten(band.graph(), &mut labels, Context::new(&work, &run)).unwrap();
+        labels
+    }
+
+    fn pieces(graph: BandGraph<'_>) -> Vec<u32> {
+        let mut pieces = vec![0; graph.len()];
+        join_pieces(graph, &mut pieces);
+        pieces
+    }
 
     /// A band `w` nodes long and `h` across, between fixed nodes of label 0 above and 1 below, with random weights.
-    fn band(w: usize, h: usize, random: &mut Random) -> BandGraph {
+    fn band(w: usize, h: usize, random: &mut Random) -> Band {
         let mut weights = BTreeMap::new();
         let mut weight =
             |i: usize, j: usize| *weights.entry((i.min(j), i.max(j))).or_insert_with(|| (1 + below(random, 8)) as f32);
@@ -228,9 +272,9 @@ mod tests {
         for i in 0..w * h {
             let (x, y) = (i % w, i / w);
             let mut step = |other: Option<usize>, fixed: Option<u32>| match (other, fixed) {
-                (Some(j), _) => edges.push(BandEdge { to: j as u32, inside: true, weight: weight(i, j) }),
+                (Some(j), _) => edges.push(BandEdge::inside(j as u32, weight(i, j))),
                 (None, Some(label)) => {
-                    edges.push(BandEdge { to: label, inside: false, weight: weight(i, w * h + i + label as usize) });
+                    edges.push(BandEdge::leaving(label, weight(i, w * h + i + label as usize)));
                 }
                 _ => {}
             };
@@ -240,14 +284,14 @@ mod tests {
             step((y + 1 < h).then(|| i + w), Some(1));
             start.push(edges.len() as u32);
         }
-        BandGraph { start, edges }
+        Band { start, edges }
     }
 
     /// What boundaries cost; those between two positions twice.
-    fn cost(graph: &BandGraph, labels: &[u32]) -> f32 {
+    fn cost(graph: BandGraph<'_>, labels: &[u32]) -> f32 {
         let of = |i: u32| {
             let apart = graph.around(i).iter().filter(move |edge| edge.label(labels) != labels[i as usize]);
-            apart.map(|edge| if edge.inside { 0.5 * edge.weight } else { edge.weight }).sum::<f32>()
+            apart.map(|edge| if edge.position().is_some() { 0.5 * edge.weight } else { edge.weight }).sum::<f32>()
         };
         (0..labels.len() as u32).map(of).sum()
     }
@@ -257,12 +301,12 @@ mod tests {
         let (w, h) = (4, 3);
         for seed in 0..40 {
             let mut random = stream(seed, "bands");
-            let graph = band(w, h, &mut random);
-            let mut labels: Vec<u32> = (0..w * h).map(|_| below(&mut random, 2) as u32).collect();
-            shorten(&graph, &mut labels, &Run::new(&())).unwrap();
+            let band = band(w, h, &mut random);
+            let labels: Vec<u32> = (0..w * h).map(|_| below(&mut random, 2) as u32).collect();
+            let labels = shortened(&band, &labels, 1, 1 << 30);
             let all = (0..1u32 << (w * h)).map(|bits| (0..w * h).map(|i| bits >> i & 1).collect::<Vec<u32>>());
-            let least = all.map(|labels| cost(&graph, &labels)).fold(f32::INFINITY, f32::min);
-            assert_eq!(cost(&graph, &labels), least, "{seed}");
+            let least = all.map(|labels| cost(band.graph(), &labels)).fold(f32::INFINITY, f32::min);
+            assert_eq!(cost(band.graph(), &labels), least, "{seed}");
         }
     }
 
@@ -270,11 +314,10 @@ mod tests {
     fn several_parts_get_a_boundary_that_is_no_longer() {
         for seed in 0..20 {
             let mut random = stream(seed, "several");
-            let graph = band(30, 9, &mut random);
-            let mut labels: Vec<u32> = (0..270).map(|_| below(&mut random, 4) as u32).collect();
-            let before = cost(&graph, &labels);
-            shorten(&graph, &mut labels, &Run::new(&())).unwrap();
-            assert!(cost(&graph, &labels) < before, "{seed}");
+            let band = band(30, 9, &mut random);
+            let before: Vec<u32> = (0..270).map(|_| below(&mut random, 4) as u32).collect();
+            let after = shortened(&band, &before, 1, 1 << 30);
+            assert!(cost(band.graph(), &after) < cost(band.graph(), &before), "{seed}");
         }
     }
 
@@ -282,56 +325,50 @@ mod tests {
     #[test]
     fn the_tiniest_boundary_is_shortened_like_any_other() {
         let mut random = stream(0, "tiny");
-        let mut graph = band(12, 6, &mut random);
+        let mut band = band(12, 6, &mut random);
         let labels: Vec<u32> = (0..72).map(|_| below(&mut random, 2) as u32).collect();
-        let mut plain = labels.clone();
-        shorten(&graph, &mut plain, &Run::new(&())).unwrap();
-        graph.edges.iter_mut().for_each(|edge| edge.weight *= f32::MIN_POSITIVE / 8.);
-        let mut tiny = labels;
-        shorten(&graph, &mut tiny, &Run::new(&())).unwrap();
-        assert_eq!(tiny, plain);
+        let plain = shortened(&band, &labels, 1, 1 << 30);
+        band.edges.iter_mut().for_each(|edge| edge.weight *= f32::MIN_POSITIVE / 8.);
+        assert_eq!(shortened(&band, &labels, 1, 1 << 30), plain);
     }
 
     #[test]
     fn a_boundary_is_moved_no_farther_than_told() {
         // Weights fall towards the lower end, where the cheapest boundary is.
         let (w, h) = (6, 40);
-        let mut graph = band(w, h, &mut stream(0, "far"));
+        let mut band = band(w, h, &mut stream(0, "far"));
         for i in 0..w * h {
             let fall = |j: u32| 1. + (2 * h - i / w - j as usize / w) as f32;
-            let own = &mut graph.edges[graph.start[i] as usize..graph.start[i + 1] as usize];
-            own.iter_mut().for_each(|edge| edge.weight = if edge.inside { fall(edge.to) } else { 100. });
+            let own = &mut band.edges[band.start[i] as usize..band.start[i + 1] as usize];
+            own.iter_mut().for_each(|edge| edge.weight = edge.position().map_or(100., fall));
         }
-        let mut labels: Vec<u32> = (0..w * h).map(|i| u32::from(i / w >= 8)).collect();
-        shorten(&graph, &mut labels, &Run::new(&())).unwrap();
+        let labels: Vec<u32> = (0..w * h).map(|i| u32::from(i / w >= 8)).collect();
+        let labels = shortened(&band, &labels, 1, 1 << 30);
         let expected: Vec<u32> = (0..w * h).map(|i| u32::from(i / w >= 8 + HOPS * PASSES)).collect();
         assert_eq!(labels, expected);
     }
 
     #[test]
-    fn labels_are_the_same_whatever_the_threads() {
+    fn labels_are_the_same_whatever_threads_and_budget() {
         for seed in 0..10 {
             let mut random = stream(seed, "threads");
-            let graph = band(60, 20, &mut random);
+            let band = band(60, 20, &mut random);
             let labels: Vec<u32> =
                 (0..1200).map(|i| (i % 60 / 10 + 6 * (i / 600)) as u32 + below(&mut random, 2) as u32).collect();
-            let [one, four] = [1, 4].map(|threads| {
-                let mut labels = labels.clone();
-                shorten(&graph, &mut labels, &Run { threads, ..Run::new(&()) }).unwrap();
-                labels
-            });
-            assert!(one == four && one != labels, "{seed}");
+            let [one, four, files] = [(1, 1 << 30), (4, 1 << 30), (4, 0)]
+                .map(|(threads, budget)| shortened(&band, &labels, threads, budget));
+            assert!(one == four && one == files && one != labels, "{seed}");
         }
     }
 
     #[test]
     fn one_pass_finds_the_boundaries_of_all_pairs_of_a_round() {
         let mut random = stream(0, "passes");
-        let graph = band(30, 9, &mut random);
+        let band = band(30, 9, &mut random);
         let labels: Vec<u32> = (0..270).map(|_| below(&mut random, 5) as u32).collect();
         let round = [([0, 3], 0), ([2, 1], 0)];
         let naive = round.map(|([a, b], _)| {
-            let touches = |i: u32, label| graph.around(i).iter().any(|edge| edge.label(&labels) == label);
+            let touches = |i: u32, label| band.graph().around(i).iter().any(|edge| edge.label(&labels) == label);
             let side = |i: u32| match labels[i as usize] {
                 own if own == a => touches(i, b),
                 own if own == b => touches(i, a),
@@ -340,7 +377,7 @@ mod tests {
             (0..270).filter(|&i| side(i)).collect::<Vec<u32>>()
         });
         assert!(naive.iter().all(|positions| positions.len() > 20));
-        let labelled = LabelledBand { graph: &graph, pieces: &pieces(&graph), labels: &labels, scale: 1. };
+        let labelled = LabelledBand { graph: band.graph(), pieces: &pieces(band.graph()), labels: &labels, scale: 1. };
         assert_eq!(labelled.at_boundaries(&round), naive);
     }
 
@@ -366,8 +403,11 @@ mod tests {
             let mut random = stream(seed, "pieces");
             let [one, other] = [band(24, 9, &mut random), band(20, 7, &mut random)];
             let m = one.start.len() as u32 - 1;
-            let shifted = |edge: &BandEdge| BandEdge { to: edge.to + if edge.inside { m } else { 0 }, ..*edge };
-            let both = BandGraph {
+            let shifted = |edge: &BandEdge| match edge.position() {
+                Some(to) => BandEdge::inside(to + m, edge.weight),
+                None => *edge,
+            };
+            let both = Band {
                 start: one
                     .start
                     .iter()
@@ -377,22 +417,21 @@ mod tests {
                 edges: one.edges.iter().copied().chain(other.edges.iter().map(shifted)).collect(),
             };
             let labels: Vec<u32> = (0..both.start.len() - 1).map(|_| below(&mut random, 5) as u32).collect();
-            let mut cut = labels.clone();
-            shorten(&both, &mut cut, &Run::new(&())).unwrap();
+            let cut = shortened(&both, &labels, 2, 1 << 30);
             let mut plain = labels.clone();
             let scale = UNITS / f64::from(both.edges.iter().map(|edge| edge.weight).fold(0f32, f32::max));
             let whole = vec![0; plain.len()];
             for _ in 0..PASSES {
-                let touching = boundaries(&both, &whole, &plain);
+                let touching = boundaries(both.graph(), &whole, &plain);
                 for pair in order_of_pairs(touching.into_iter().map(|(pair, _)| pair).collect()) {
-                    let band = LabelledBand { graph: &both, pieces: &whole, labels: &plain, scale };
+                    let band = LabelledBand { graph: both.graph(), pieces: &whole, labels: &plain, scale };
                     let begin = band.at_boundaries(&[(pair, 0)]);
-                    let changes = band.cut(pair, &begin[0], &mut vec![NONE; whole.len()], &Cancel::default()).unwrap();
+                    let changes = band.cut(pair, &begin[0], &mut vec![0; whole.len()], &Cancel::default()).unwrap();
                     changes.into_iter().for_each(|(node, label)| plain[node as usize] = label);
                 }
             }
             assert!(cut == plain && cut != labels, "{seed}");
-            assert_eq!(pieces(&both).into_iter().collect::<BTreeSet<_>>(), BTreeSet::from([0, m]));
+            assert_eq!(pieces(both.graph()).into_iter().collect::<BTreeSet<_>>(), BTreeSet::from([0, m]));
         }
     }
 }

@@ -252,7 +252,7 @@ impl WorkDir {
     ///
     /// # Errors
     /// [`Error::Io`] where its folder could not be made.
-    fn new_file(&self, name: &str) -> Result<PathBuf> {
+    pub(super) fn new_file(&self, name: &str) -> Result<PathBuf> {
         // A held array of that name would be found instead of the file.
         if let Some(arrays) = &self.arrays {
             arrays.remove(name);

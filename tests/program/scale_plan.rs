@@ -138,6 +138,37 @@ fn thousands_of_pieces_fit_the_budget() {
     assert!(parts < 120_000_000, "{parts}");
 }
 
+/// Regression: the bands around boundaries were allocated beside the budget, some 200 bytes per face there where the
+/// surface is rough: this took 133 MB.
+#[test]
+fn bands_around_many_boundaries_fit_the_budget() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("rough.ply");
+    let side = 700u32;
+    let mut random = stream(1, "rough");
+    let mut height = |x: f32, y: f32| 20. * (x / 90.).sin() * (y / 70.).cos() + 1.4 * (unit(&mut random) as f32 - 0.5);
+    let points: Vec<[f32; 3]> =
+        (0..side * side).map(|k| [(k % side) as f32, (k / side) as f32]).map(|[x, y]| [x, y, height(x, y)]).collect();
+    let corners = (0..side * side).filter(|k| k % side + 1 < side && k / side + 1 < side);
+    let faces: Vec<[u32; 3]> = corners.flat_map(|k| [[k, k + 1, k + side], [k + 1, k + side + 1, k + side]]).collect();
+    Mesh::from_slices(&points, &faces)
+        .unwrap()
+        .save(&path, Labelling { labels: &vec![0; faces.len()], colours: &[[0; 3]], quality: None, names: &[] })
+        .unwrap();
+    let (mesh, peak) = (path.to_str().unwrap(), dir.path().join("peak"));
+    let cut = |name: &str, budget: &str| {
+        let out = dir.path().join(name);
+        let mut program = Command::new(env!("CARGO_BIN_EXE_nystrom-stream"));
+        let run = program.args(["segment", mesh, "-k", "500", "-q", "--max-memory", budget, "-o"]).arg(&out);
+        let run = run.env("NYSTROM_STREAM_PEAK", &peak).output().unwrap();
+        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+        (std::fs::read(&out).unwrap(), std::fs::read_to_string(&peak).unwrap().parse::<u64>().unwrap())
+    };
+    let (labels, allocated) = cut("small.npy", "8MB");
+    assert!(allocated < 48_000_000, "{allocated}");
+    assert!(labels == cut("large.npy", "4GB").0);
+}
+
 /// Mounts a file system of `size` in memory at `at`; whether that is allowed here.
 fn mount(at: &Path, size: &str) -> bool {
     let option = format!("size={size}");
