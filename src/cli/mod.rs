@@ -36,7 +36,7 @@ use nystrom_stream::base::{Cancel, Error};
 use options::{AppContext, CliError};
 use progress::Style;
 use serde_json::{Value, json};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write as _};
 use std::process::ExitCode;
 
 /// Cut meshes of a million to a billion triangles into their meaningful parts, out of core.
@@ -172,7 +172,16 @@ pub fn main(peak: fn() -> u64) -> End {
             let code = if error.use_stderr() { 2 } else { 0 };
             match usage::line(&error, &command::parsed()) {
                 Some(text) => progress::tell_error(style, &text, None, json!({"exit_code": code})),
-                None => drop(error.print()),
+                None => {
+                    let written = error.print().and_then(|()| std::io::stdout().flush());
+                    if let (0, Err(failed)) = (code, written)
+                        && failed.kind() != ErrorKind::BrokenPipe
+                    {
+                        let text = errors::message(&Error::io("<stdout>", "write")(failed));
+                        progress::tell_error(style, &text, None, json!({"exit_code": 1}));
+                        return End::Code(1);
+                    }
+                }
             }
             return End::Code(code);
         }

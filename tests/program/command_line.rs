@@ -177,6 +177,17 @@ fn refusals_are_one_line_with_file_and_remedy_and_code_1() {
     assert!(names(dir.path()).iter().all(|name| !name.contains("segmented") && !name.starts_with('.')));
 }
 
+/// Regression: help and version that could not be written ended with exit code 0.
+#[test]
+fn help_that_cannot_be_written_is_an_error() {
+    for words in [&["--help"][..], &["--version"], &["segment", "-h"]] {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let output = program().args(words).stdout(full).stderr(Stdio::piped()).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{words:?}");
+        assert!(errors(&output).starts_with("nystrom-stream: <stdout>: cannot write: "), "{}", errors(&output));
+    }
+}
+
 #[test]
 fn misuse_ends_with_code_2_and_says_what_is_right() {
     let dir = common::in_memory();
