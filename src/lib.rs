@@ -21,19 +21,21 @@
 //!
 //! # What
 //!
-//! A surface is cut where people would cut it: legs from a body, a handle from a cup. Every face gets one label and a
+//! A surface is cut where people would cut it: legs from a body, a handle from a cup. Every face gets a label and a
 //! confidence, every part a colour; the number of parts is given or found. Meshes may have holes, many components,
-//! polygons, edges with more than two faces. The same embedding orders meshes for streaming and matches their vertices.
+//! polygons, and edges with more than two faces. The same embedding orders meshes for streaming and matches their
+//! vertices.
 //!
 //! # How
 //!
-//! An implementation of *Sub-sampling for Efficient Spectral Mesh Processing* (Liu, Jain, Zhang, CGI 2006) that
-//! streams. Faces are the nodes of a dual graph, whose edges weigh distance and turning. Of the n × n matrix of
-//! affinities only l rows are computed: distances from l landmarks, farthest from each other or drawn by area and
+//! A streaming implementation of *Sub-sampling for Efficient Spectral Mesh Processing* (Liu, Jain, Zhang, CGI 2006).
+//! Faces are the nodes of a dual graph, whose edges are weighted by distance and turning. Of the n × n affinity matrix
+//! only l rows are computed: distances from l landmarks, chosen by farthest-point sampling or drawn by area and
 //! distance. Above 60,000 faces the default method computes them over a contraction to 30,000 nodes. Nyström's method
 //! extends the eigenvectors of the l × l block to all faces (eq. 3 to 5). An ensemble of over-segmentations of some two
-//! thousand cells is merged by concavity and convexity into a hierarchy, of which any number of parts is a cut; one
-//! more front moves the boundaries onto creases. Results are the same bytes whatever threads, memory and chunk sizes.
+//! thousand cells is merged by concavity and convexity into a hierarchy, which can be cut into any number of parts; one
+//! more front moves the boundaries onto creases. Results are the same bytes whatever threads, memory and chunk sizes
+//! are used.
 //!
 //! # Entry points
 //!
@@ -43,29 +45,29 @@
 //! | [`Segmenter`] → [`Segmentation`] | Which parts does it have? |
 //! | [`Hierarchy`] | And in any other number of parts? |
 //! | [`Sequencer`] → [`Sequence`] | In which order does it stream best? |
-//! | `Matcher` → `Correspondence` | Which vertex of one mesh is which of another? (feature `correspondence`) |
+//! | `Matcher` → `Correspondence` | Which vertex of one mesh corresponds to which of another? (feature `correspondence`) |
 //! | [`SamplingQuality`] → [`SampleRecord`] | How well do l landmarks represent it (Γ, eq. 6)? |
-//! | [`evaluate()`] → [`Scores`] | How far are labels from people's? |
-//! | [`LabelTransfer`] → [`Transferred`] | What are the labels of another version of it? |
+//! | [`evaluate()`] → [`Scores`] | How far are labels from those of people? |
+//! | [`LabelTransfer`] → [`Transferred`] | Which labels does another version of it get? |
 //!
 //! `examples/cut.rs` cuts a file; `examples/distances.rs` uses the layers below.
 //!
 //! # Layers
 //!
-//! For those who want rows or fronts alone, all layers are public. Each knows those above it in this list only:
+//! All layers are public, for those who want only rows or fronts. Each layer uses only those before it in this list:
 //! [`base`] (errors, threads, random numbers), [`store`] (arrays on disk or in memory, stages, budget), [`mesh`] (files
-//! and arrays), [`graph`] (dual graph, weights, order), [`distance`] (fronts and the rows they leave), [`spectral`]
+//! and arrays), [`graph`] (dual graph, weights, order), [`distance`] (fronts and the rows they compute), [`spectral`]
 //! (kernels, Nyström), [`landmarks`] (samplings), [`cluster`] (K-means, parts, boundaries), [`apps`] (what is done with
 //! parts), [`pipeline`] (stages put together), [`api`] (this page).
 //!
 //! # Systems
 //!
-//! Linux is what the library is tested on. It compiles for macOS. Pages of memory may have any size; numbers are
-//! little-endian. On other systems it does not compile.
+//! The library is tested on Linux and compiles for macOS; other systems are rejected at compile time. Memory pages may
+//! have any size; numbers must be little-endian.
 //!
 //! # Features
 //!
-//! None is needed to cut meshes. `pictures`, `plots`, `pages` and `parquet` add forms of output, `correspondence`
+//! None is needed to cut meshes. `pictures`, `plots`, `pages` and `parquet` add output formats, `correspondence` adds
 //! matching, `sprs` the weighted graph as a matrix of that crate, `cli` (on by default) the program.
 
 #[cfg(not(unix))]

@@ -1,10 +1,11 @@
-//! Boxes along the axes, as trees over points and triangles keep them: one for all that lies below a node.
+//! Axis-aligned bounding boxes, as used by trees over points and triangles: each node has one box around all below it.
 //!
-//! Distances are rounded as those between points are, so no point of a box is nearer than the box. 24 bytes per box.
+//! Distances are rounded like those between points, so no point in a box is nearer than the box itself. 24 bytes per
+//! box.
 
 use bytemuck::{Pod, Zeroable};
 
-/// Least and greatest coordinates.
+/// An axis-aligned box: the least and greatest coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Bounds {
@@ -15,16 +16,16 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Of nothing: infinitely far from all points.
+    /// The empty box, infinitely far from all points.
     pub const EMPTY: Self = Self { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
 
-    /// Of a point.
+    /// The box of one point.
     #[inline(always)]
     pub fn at(p: [f32; 3]) -> Self {
         Self { low: p, high: p }
     }
 
-    /// Of what either holds.
+    /// The smallest box around both boxes.
     #[inline(always)]
     pub fn with(&self, other: &Self) -> Self {
         let low = |k: usize| self.low[k].min(other.low[k]);
@@ -32,7 +33,7 @@ impl Bounds {
         Self { low: [low(0), low(1), low(2)], high: [high(0), high(1), high(2)] }
     }
 
-    /// The squared distance of `p` from the box; infinite where it is empty.
+    /// The squared distance from `p` to the box; infinite where the box is empty.
     #[inline(always)]
     pub fn square_from(&self, p: [f32; 3]) -> f32 {
         let out = |k: usize| (self.low[k] - p[k]).max(p[k] - self.high[k]).max(0.);

@@ -14,15 +14,14 @@ impl Cancel {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether a stop was asked for.
+    /// Whether a stop has been requested.
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Returns an error if a stop was asked for, so that a loop can leave with `?`.
+    /// Returns an error if a stop has been requested, so that a loop can leave with `?`.
     ///
-    /// # Errors
-    /// [`Error::Cancelled`] once a stop was asked for.
+    /// # Errors [`Error::Cancelled`] once a stop has been requested.
     pub fn check(&self) -> Result<()> {
         if self.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
     }

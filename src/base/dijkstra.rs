@@ -1,16 +1,16 @@
-//! Shortest paths over a graph of some thousand nodes in memory: Dijkstra's algorithm with a binary heap.
+//! Shortest paths over an in-memory graph of some thousand nodes: Dijkstra's algorithm with a binary heap.
 //!
-//! The graph is a function from a node to its steps, so it need not be stored in one form. Own code because the order
-//! of visits is part of results: by length, then by number. Cost: O((n + m) log m) for n nodes and m steps; 8 to
-//! 16 bytes for each node that waits.
+//! The graph is a function from a node to its outgoing edges, so it need not be stored in any particular form. This is
+//! our own code because results depend on the order in which nodes are settled: by distance, then by number. Cost: O((n
+//! + m) log m) for n nodes and m edges; 8 to 16 bytes for each entry of the heap.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::ops::Add;
 
-/// A length of a path, which is never negative: `f32` or `f64`.
+/// The length of a path, never negative: `f32` or `f64`.
 pub trait Length: Copy + Default + PartialOrd + Add<Output = Self> {
-    /// Its bits as a whole number: those of floats that are not negative are ordered as the floats are.
+    /// The bits as an integer. The bits of non-negative floats have the same order as the floats.
     type Bits: Copy + Ord;
     /// The bits of a length.
     fn bits(self) -> Self::Bits;
@@ -36,9 +36,9 @@ macro_rules! length {
 length!(f32, u32);
 length!(f64, u64);
 
-/// Lowers `field` (n) to the length of the shortest path from the nearest of `sources` to each node, where that is less
-/// and below `limit`. `steps` lists the nodes one step from a node, and how long the steps are; `settle` gets each node
-/// whose length is lowered, the nearest first.
+/// Lowers each entry of `field` (n) to the distance of the node from the nearest of `sources`, where that is smaller
+/// and below `limit`. `steps` lists the neighbours of a node with the lengths of the edges to them; `settle` is called
+/// with each node whose distance was lowered, nearest first.
 pub fn shortest_paths<L: Length, S: Iterator<Item = (u32, L)>>(
     sources: &[u32],
     steps: impl Fn(u32) -> S,

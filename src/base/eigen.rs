@@ -1,7 +1,7 @@
 //! Symmetric eigenproblems of the size of the sample, in `f64`.
 //!
-//! Vectors get signs of their own, so that results do not depend on the solver's path. O(n³) time, and four n × n
-//! matrices at a time.
+//! The signs of the eigenvectors are normalised, so that results do not depend on the solver's path. O(n³) time; memory
+//! for four n × n matrices.
 
 use crate::base::sort::order_by;
 use nalgebra::DMatrix;

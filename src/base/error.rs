@@ -1,9 +1,9 @@
 //! The library's errors: an enum with data, one line per message.
 //!
-//! A message names the file, what is wrong with it, and what to do. It never spans lines, so
-//! that a log of a thousand meshes stays greppable, whatever a file is called or holds
-//! ([`super::printable`]). Parameters of the library and stages of a work directory are named between
-//! backticks, so that a program or a binding can put its own words in their place.
+//! A message names the file, what is wrong with it, and what to do. It is always a single line, so that the log of a
+//! thousand meshes can be searched with grep, whatever a file is called or contains ([`super::printable`]). Library
+//! parameters and work-directory stages are named between backticks, so that a program or a binding can substitute its
+//! own terms.
 
 use super::printable::line;
 use std::io;
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// Shorthand for results of this library.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// What can go wrong, with the data needed to say so and to react.
+/// What can go wrong, with the data needed to report it and to react.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -21,13 +21,13 @@ pub enum Error {
     Io {
         /// File or folder concerned.
         path: PathBuf,
-        /// What was tried, as a verb: "open", "map", "write".
+        /// What was attempted, as a verb: "open", "map", "write".
         action: &'static str,
         /// The operating system's reason.
         #[source]
         source: io::Error,
     },
-    /// A file's content is not what it has to be.
+    /// A file's content is not valid.
     #[error("{}: {}: {}; {remedy}", shown(path), line(place), line(problem))]
     Malformed {
         /// The file.
@@ -39,34 +39,34 @@ pub enum Error {
         /// What the user can do.
         remedy: String,
     },
-    /// A readable file cannot serve the purpose: no faces, fewer faces than parts.
+    /// A readable file is unsuitable: it has no faces, or fewer faces than parts.
     #[error("{}: {}; {remedy}", shown(path), line(problem))]
     Unusable {
         /// The file.
         path: PathBuf,
-        /// Why it cannot serve.
+        /// Why it is unsuitable.
         problem: String,
         /// What the user can do.
         remedy: String,
     },
-    /// A parameter is out of its range or contradicts another one.
+    /// A parameter is out of range or contradicts another one.
     #[error("{}: {}; {remedy}", line(name), line(problem))]
     Parameter {
-        /// The option, as the parameters of the library call it, or what else was passed.
+        /// The parameter's name in the library, or the name of another argument.
         name: String,
         /// What is wrong with its value.
         problem: String,
-        /// What would be right.
+        /// What would be valid.
         remedy: String,
     },
-    /// The memory budget cannot hold what is needed at the least.
+    /// The memory budget cannot hold the minimum that is needed.
     #[error(
         "{what} needs {needed} bytes but the memory budget leaves {available}; raise `memory` or lower `threads` or `landmarks`"
     )]
     Memory {
         /// What was to be allocated.
         what: &'static str,
-        /// Bytes needed at the least.
+        /// Minimum number of bytes needed.
         needed: u64,
         /// Bytes left in the budget.
         available: u64,
@@ -84,7 +84,7 @@ pub enum Error {
         /// Bytes free now.
         available: u64,
     },
-    /// A work directory is in use, of another version, or damaged.
+    /// A work directory is in use, from another version, or damaged.
     #[error("{}: {}; {remedy}", shown(path), line(problem))]
     WorkDir {
         /// The work directory or a file in it.
@@ -94,10 +94,10 @@ pub enum Error {
         /// What the user can do.
         remedy: String,
     },
-    /// The run was asked to stop.
+    /// The run was cancelled.
     #[error("interrupted")]
     Cancelled,
-    /// The program is at fault: a thread panicked, or what cannot happen did.
+    /// A bug in the program: a thread panicked, or an invariant failed.
     #[error(
         "internal error: {}; this is a fault of the program: please report it with the command and the mesh",
         line(problem)
@@ -108,13 +108,13 @@ pub enum Error {
     },
 }
 
-/// A path on one line.
+/// A path on one line, without control characters.
 fn shown(path: &Path) -> String {
     line(&path.to_string_lossy()).into_owned()
 }
 
-/// What the operating system refused, why, and what can be done: an [`Error::Io`] without its path, for bindings whose
-/// errors hold the path apart.
+/// What the operating system refused, why, and what can be done: the text of an [`Error::Io`] without its path, for
+/// bindings whose errors carry the path in a separate field.
 pub fn refusal(action: &str, source: &io::Error) -> String {
     format!("cannot {action}: {source}{}", hint(action, source))
 }
@@ -136,13 +136,13 @@ fn hint(action: &str, error: &io::Error) -> &'static str {
     }
 }
 
-/// The text of other libraries' errors may have lines.
+/// Error texts of other libraries may span several lines.
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 impl Error {
-    /// An [`Error::Io`] maker for `map_err`.
+    /// Builds an [`Error::Io`] from an `io::Error`, for `map_err`.
     pub fn io(path: impl AsRef<Path>, action: &'static str) -> impl FnOnce(io::Error) -> Error {
         let path = path.as_ref().to_path_buf();
         move |source| Error::Io { path, action, source }

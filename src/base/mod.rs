@@ -1,7 +1,7 @@
 //! The lowest layer: errors, progress, cancellation, deterministic parallel loops, loops on wide
 //! vectors, boxes, disjoint sets, short sorts, shortest paths, moments and small eigenproblems.
 //!
-//! Nothing here knows of meshes, files or command lines. Cost: none worth naming.
+//! Nothing here knows about meshes, files or command lines.
 
 pub mod bounds;
 pub mod cancel;

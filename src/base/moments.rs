@@ -1,4 +1,5 @@
-//! Second moments in space, each as (xx, yy, zz, xy, xz, yz), and what the eigenproblem of their 3 × 3 matrix gives.
+//! Second moments in space, each stored as (xx, yy, zz, xy, xz, yz), and the eigenvalues and axes of their 3 × 3
+//! matrix.
 
 use super::eigen;
 use nalgebra::DMatrix;
@@ -8,8 +9,8 @@ pub fn products(x: [f64; 3]) -> [f64; 6] {
     [x[0] * x[0], x[1] * x[1], x[2] * x[2], x[0] * x[1], x[0] * x[2], x[1] * x[2]]
 }
 
-/// Eigenvalues of the symmetric 3 × 3 matrix of moments, greatest first. Jacobi rotations: exact to rounding however
-/// close the values lie.
+/// Eigenvalues of the symmetric 3 × 3 matrix of moments, greatest first. Uses Jacobi rotations, which are accurate to
+/// rounding however close the eigenvalues are.
 pub fn eigenvalues(m: [f64; 6]) -> [f64; 3] {
     let mut a = [[m[0], m[3], m[4]], [m[3], m[1], m[5]], [m[4], m[5], m[2]]];
     for _ in 0..32 {

@@ -1,12 +1,11 @@
 //! Deterministic parallel loops over chunks.
 //!
-//! Chunks are handed out by a counter, results are put in chunk order, and sums are folded in
-//! that order: so a result depends on the chunk size alone, never on the number of threads or
-//! on timing. One of the threads is the caller, so that one thread runs in place, without spawning: a spawned
-//! thread costs some 50 µs, as much as a small loop.
+//! Chunks are handed out by a counter, results are stored in chunk order, and sums are folded in that order. So a
+//! result depends on the chunk size alone, never on the number of threads or on timing. The caller's thread is one of
+//! the workers, so a single-threaded run spawns nothing: spawning costs some 50 µs a thread, as much as a small loop.
 //!
-//! The first error stops all threads at their next chunk. A panic in a thread is an error as well: nothing waits for a
-//! thread that is gone.
+//! The first error stops all threads at their next chunk. A panic in a thread also becomes an error, so no thread waits
+//! for one that has died.
 
 use super::sort::arrange;
 use super::{Cancel, Error, Result};
@@ -28,14 +27,15 @@ pub fn chunk_range(n: usize, size: usize, k: usize) -> Range<usize> {
     start..(start + size).min(n)
 }
 
-/// Chunk numbers, handed out once each until a chunk fails, the run is cancelled or a thread panics.
+/// Hands out each chunk number once, until a chunk fails, the run is cancelled or a thread panics.
 ///
-/// Nothing here is generic: what starts, stops and joins threads is compiled once, not for each of a hundred loops.
+/// Nothing here is generic: the code that starts, stops and joins threads is compiled once, not for each of a hundred
+/// loops.
 struct Tickets<'a> {
     cancel: &'a Cancel,
     chunks: usize,
     next: AtomicUsize,
-    /// The lowest chunk that failed; chunks beyond it are not begun.
+    /// The lowest chunk that failed; chunks after it are not started.
     failed: AtomicUsize,
     error: Mutex<Option<(usize, Error)>>,
 }
@@ -51,7 +51,7 @@ impl<'a> Tickets<'a> {
         }
     }
 
-    /// The next chunk, unless the work is done or has failed.
+    /// The next chunk, unless all are taken or one has failed.
     fn take(&self) -> Option<usize> {
         let k = self.next.fetch_add(1, Ordering::Relaxed);
         if k >= self.chunks || k > self.failed.load(Ordering::Relaxed) {
@@ -60,14 +60,14 @@ impl<'a> Tickets<'a> {
         self.cancel.check().map_err(|error| self.fail(k, error)).is_ok().then_some(k)
     }
 
-    /// Does `work` on chunk after chunk until none is left or one has failed.
+    /// Runs `work` on chunk after chunk until none is left or one has failed.
     fn each(&self, work: &mut ChunkWork<'_>) {
         while let Some(k) = self.take() {
             work(k).unwrap_or_else(|error| self.fail(k, error));
         }
     }
 
-    /// Records that chunk `k` failed; of several, the lowest counts.
+    /// Records that chunk `k` failed; of several failures, that of the lowest chunk is reported.
     fn fail(&self, k: usize, error: Error) {
         let mut first = lock(&self.error);
         if first.as_ref().is_none_or(|(lowest, _)| k < *lowest) {
@@ -76,13 +76,13 @@ impl<'a> Tickets<'a> {
         self.failed.fetch_min(k, Ordering::Relaxed);
     }
 
-    /// Runs `worker` on up to `threads` threads, the caller's among them, and returns what failed first.
+    /// Runs `worker` on up to `threads` threads, including the caller's, and returns the first failure.
     fn serve(threads: usize, cancel: &Cancel, chunks: usize, worker: &(dyn Fn(&Tickets) + Sync)) -> Result<()> {
         let tickets = Tickets::new(chunks, cancel);
         let guarded = || catch(|| worker(&tickets)).unwrap_or_else(|error| tickets.fail(0, error));
         std::thread::scope(|scope| {
             for _ in 1..threads.clamp(1, chunks.max(1)) {
-                // A thread that the system refuses is one fewer: the caller's own does the work.
+                // If the system refuses a thread, the others do its work; the caller's always runs.
                 drop(spawn(scope, guarded));
             }
             guarded();
@@ -92,7 +92,7 @@ impl<'a> Tickets<'a> {
     }
 }
 
-/// Starts `work` on a thread of `scope`; one that the system refuses is an error and no panic.
+/// Starts `work` on a thread of `scope`. If the system refuses the thread, that is an error, not a panic.
 ///
 /// # Errors
 /// [`Error::Unusable`].
@@ -106,8 +106,8 @@ pub fn spawn<'scope, T: Send + 'scope>(
     })
 }
 
-/// Does `other` on a thread of its own beside `work`, if more than one of `threads` may run; else one after the other.
-/// So a pass that only one thread can do costs a share of one that all can.
+/// Runs `other` on its own thread beside `work` if `threads` allows more than one, else one after the other. This hides
+/// a single-threaded pass behind a parallel one.
 ///
 /// # Errors
 /// [`Error::Internal`] when `other` panicked.
@@ -116,7 +116,7 @@ pub fn beside<A: Send, B>(
     other: impl FnOnce() -> A + Send,
     work: impl FnOnce() -> B,
 ) -> Result<(A, B)> {
-    // Where the system refuses a thread, whoever comes to it does it.
+    // If the system refuses a thread, the caller runs it itself.
     let other = Mutex::new(Some(other));
     let take = || lock(&other).take();
     if threads < 2 {
@@ -134,17 +134,17 @@ pub fn beside<A: Send, B>(
     })
 }
 
-/// Locks, also after a panic elsewhere, which is reported by itself.
+/// Locks the mutex even if it is poisoned; a panic elsewhere is reported separately.
 pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What `mutex` guarded, also after a panic elsewhere.
+/// The content of `mutex`, even if it is poisoned.
 fn unlocked<T>(mutex: Mutex<T>) -> T {
     mutex.into_inner().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Calls `work`; a panic in it becomes an error, so that other threads end and temporary files are removed.
+/// Calls `work` and turns a panic in it into an error, so that other threads end and temporary files are removed.
 ///
 /// # Errors
 /// [`Error::Internal`] with the panic's message.
@@ -174,12 +174,12 @@ pub fn map_chunks<S, R: Send>(
     })
 }
 
-/// The numbers and the results of chunks, in whatever order they come. Apart from the loops, since it is compiled once
-/// for each type of result, not for each loop.
+/// The numbers and results of chunks, in the order in which they arrive. Separate from the loops because it is compiled
+/// once per result type, not once per loop.
 struct Results<R>(Mutex<(Vec<usize>, Vec<R>)>);
 
 impl<R: Send> Results<R> {
-    /// What `worker`s put for all chunks, in the order of these.
+    /// Collects what the `worker`s return for all chunks, in chunk order.
     fn of(threads: usize, cancel: &Cancel, chunks: usize, worker: &(dyn Fn(&Tickets, &Self) + Sync)) -> Result<Vec<R>> {
         let results = Self(Mutex::new((Vec::with_capacity(chunks), Vec::with_capacity(chunks))));
         Tickets::serve(threads, cancel, chunks, &|tickets| worker(tickets, &results))?;
@@ -195,7 +195,7 @@ impl<R: Send> Results<R> {
     }
 }
 
-/// Where each of the numbers 0, 1, … stands in `numbers`, which has each once.
+/// The inverse permutation: where each of 0, 1, … stands in `numbers`.
 fn places(numbers: &[usize]) -> Vec<usize> {
     let mut places = vec![0; numbers.len()];
     numbers.iter().enumerate().for_each(|(place, &number)| places[number] = place);
@@ -216,8 +216,8 @@ pub fn map_ranges<R: Send>(
     map_chunks(threads, cancel, chunk_count(n, size), || (), |k, ()| work(chunk_range(n, size, k)))
 }
 
-/// Like [`map_chunks`] for chunks whose thread states must be closed by `finish`, such as producers
-/// of a shuffle; chunk results are dropped. After an error no state is finished.
+/// Like [`map_chunks`] for thread states that `finish` must close, such as producers of a shuffle; chunk results are
+/// dropped. After an error no state is finished.
 ///
 /// # Errors
 /// As [`map_chunks`], or those of `finish`.
@@ -264,18 +264,18 @@ pub fn in_order<S, R: Send>(
     })
 }
 
-/// What a worker of [`in_order`] says of a chunk.
+/// A worker's report on one chunk.
 type Report = (usize, Result<()>);
 
-/// What computes a chunk.
+/// Computes a chunk, given its number.
 type ChunkWork<'a> = dyn FnMut(usize) -> Result<()> + 'a;
 
-/// A worker of [`in_order`]: makes a state, and passes on what computes chunks with it.
+/// A worker of [`in_order`]: creates a state and passes on the closure that computes chunks with it.
 type Worker<'a> = dyn Fn(&mut dyn FnMut(&mut ChunkWork<'_>)) + Sync + 'a;
 
-/// The threads of [`in_order`]: workers are given chunk numbers, at most four for each thread ahead of what was
-/// consumed, and report each; reports are consumed in order. The first report that is an error ends the work, as does a
-/// panic. One thread does both in turn.
+/// The threads of [`in_order`]. Workers receive chunk numbers, at most four per thread ahead of what was consumed, and
+/// report each chunk; reports are consumed in order. The first error ends the work, as does a panic. With one thread,
+/// computing and consuming alternate.
 fn ordered(
     threads: usize,
     cancel: &Cancel,
@@ -298,7 +298,7 @@ fn ordered(
     let serve = |jobs: &Receiver<usize>, done: &Sender<Report>| {
         worker(&mut |work| {
             let mut report = |k| done.send((k, cancel.check().and_then(|()| work(k))));
-            // Nobody listens after an error.
+            // After an error nobody receives the reports.
             let _ = jobs.iter().try_for_each(&mut report);
         });
     };
@@ -318,7 +318,7 @@ fn ordered(
         let mut issued = 0;
         let mut waiting: Vec<Option<Result<()>>> = (0..window).map(|_| None).collect();
         let mut next = 0;
-        // Moved in so that workers see the end of the tickets when this returns, early or not.
+        // Moved in, so that workers see the channel close when this returns, early or not.
         let (tickets, reports) = (tickets, reports);
         while next < chunks {
             while issued < chunks.min(next + window) && tickets.send(issued).is_ok() {
@@ -340,8 +340,8 @@ fn ordered(
     })
 }
 
-/// Like [`map_chunks`], a chunk for each of `pieces`, which it may change: parts of arrays that
-/// are filled side by side.
+/// Like [`map_chunks`], with one chunk for each of `pieces`, which it may modify: parts of arrays that are filled in
+/// parallel.
 ///
 /// # Errors
 /// As [`map_chunks`].
@@ -387,7 +387,7 @@ pub fn fill_chunks<T: Send, S, R: Send>(
     fill_pieces(threads, cancel, out.chunks_mut(size.max(1)), init, |k, piece, state| work(k, piece, state))
 }
 
-/// Sets every item of `out` to what `value` makes of its number and its old value.
+/// Sets every item of `out` to `value(index, old value)`.
 ///
 /// # Errors
 /// [`super::Error::Cancelled`].

@@ -1,12 +1,13 @@
-//! Names and words out of files as they may be shown: on one line, and without anything that a terminal obeys.
+//! Text from files made safe to display: on one line, and without control characters that a terminal would act on.
 //!
-//! A file's name, a property's name in a header or a line of a damaged file may hold escape sequences, line breaks or
-//! marks that turn the direction of writing. In messages they appear as Rust writes them, `\u{1b}`, so that one message
-//! stays one line and says what is there. Cost: one pass over the text, a copy only where something is replaced.
+//! A file name, a property name in a header or a line of a damaged file may contain escape sequences, line breaks or
+//! marks that reverse the writing direction. Messages show them in Rust's notation, `\u{1b}`, so that a message stays
+//! on one line and still shows what the file contains. Cost: one pass over the text; a copy only where something is
+//! replaced.
 
 use std::borrow::Cow;
 
-/// Whether `c` would do something to a line rather than be seen on it.
+/// Whether `c` is a control or direction character rather than a visible one.
 fn acts(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
@@ -17,7 +18,7 @@ pub fn line(text: &str) -> Cow<'_, str> {
     replaced(text, acts)
 }
 
-/// `text` with its line breaks, and nothing else that acts.
+/// `text` with its line breaks kept and everything else escaped.
 pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| c != '\n' && acts(c))
 }

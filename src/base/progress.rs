@@ -1,4 +1,4 @@
-//! How the library tells what it is doing; the command line draws bars from it.
+//! How the library reports what it is doing; the command line draws progress bars from it.
 //!
 //! The silent implementation is `()`. Calls come from several threads; [`Progress::advance`] is
 //! called once per chunk, never once per face.
@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// A listener to stages. Every method does nothing by default.
+/// Receives progress of stages. Every method does nothing by default.
 pub trait Progress: Sync {
     /// A stage of `total` units (`unit`: "faces", "rows", "bytes") begins. `total` 0: unknown.
     fn begin(&self, _stage: &str, _unit: &'static str, _total: u64) {}
@@ -16,9 +16,9 @@ pub trait Progress: Sync {
     fn advance(&self, _stage: &str, _done: u64) {}
     /// The stage is finished after `seconds`.
     fn end(&self, _stage: &str, _seconds: f64) {}
-    /// Something worth a line about the mesh or the result: an input oddity, an ambiguous match. Reports list it.
+    /// A remark about the mesh or the result: an oddity of the input, an ambiguous match. Reports list it.
     fn note(&self, _text: &str) {}
-    /// Something worth a line about the work: a stage reused, a share that is done already. By default told as a note.
+    /// A remark about the work: a stage reused, a share that is already done. Passed to [`Progress::note`] by default.
     fn note_of_work(&self, text: &str) {
         self.note(text);
     }
@@ -26,7 +26,7 @@ pub trait Progress: Sync {
 
 impl Progress for () {}
 
-/// What a listener keeps of a run for its report: the seconds of stages, and the notes about the mesh and the result.
+/// What a listener keeps of a run for its report: seconds per stage, and the notes about the mesh and the result.
 #[derive(Debug)]
 pub struct Told {
     start: Instant,
@@ -35,7 +35,7 @@ pub struct Told {
 }
 
 impl Default for Told {
-    /// Nothing yet; the run begins.
+    /// Nothing recorded; the clock starts now.
     fn default() -> Self {
         Self { start: Instant::now(), seconds: Mutex::default(), notes: Mutex::default() }
     }

@@ -1,7 +1,7 @@
 //! Seeded randomness that stays the same across versions and machines.
 //!
-//! Everything random in the library draws from [`stream`], named by purpose: adding a draw in
-//! one place never shifts those of another.
+//! All random numbers of the library come from [`stream`], keyed by purpose: an extra draw in one place never shifts
+//! those of another.
 
 use libm::log as ln;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -28,14 +28,15 @@ pub fn weighted(sums: &[f64], random: &mut Random) -> usize {
     if found < sums.len() { found } else { 0 }
 }
 
-/// An item drawn in proportion to its weight, 0 where all weights are 0: the winner of a race, which each item ends
-/// after −ln u / weight. Its u comes from `key` and its name, so small changes of weights, and items more or fewer,
-/// seldom change the winner. With running sums ([`weighted`]) a small change at the front moves all that follows.
+/// An item drawn with probability proportional to its weight, 0 where all weights are 0. Each item finishes a race at
+/// −ln u / weight and the first one wins. Its u is a hash of `key` and its name, so small changes of weights, and items
+/// added or removed, seldom change the winner. With running sums ([`weighted`]) a small change early in the list shifts
+/// every later draw.
 pub fn raced(key: u64, items: impl Iterator<Item = (u64, f64)>) -> usize {
     let (mut least, mut winner) = (f64::INFINITY, 0);
     for (item, (name, weight)) in items.enumerate() {
         let u = ((mixed(name ^ key) >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
-        // −ln u is no less than 1 − u, which spares most logarithms.
+        // −ln u is at least 1 − u, so most logarithms can be skipped.
         if 1. - u < least * weight {
             let end = -ln(u);
             if end < least * weight {
@@ -46,12 +47,12 @@ pub fn raced(key: u64, items: impl Iterator<Item = (u64, f64)>) -> usize {
     winner
 }
 
-/// A number that looks random, from `x` alone: a step of SplitMix64 (Steele, Lea, Flood 2014).
+/// A pseudo-random number computed from `x` alone: a step of SplitMix64 (Steele, Lea, Flood 2014).
 pub fn mixed(x: u64) -> u64 {
     mix(x.wrapping_add(0x9E37_79B9_7F4A_7C15))
 }
 
-/// A well-mixed function of 64 bits (the finaliser of SplitMix64).
+/// Mixes 64 bits (the finaliser of SplitMix64).
 #[inline]
 pub fn mix(x: u64) -> u64 {
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -59,8 +60,8 @@ pub fn mix(x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// A stratified draw: a point at random in each of `count` equal shares of `total`, the sum of `weights`. Gives the
-/// items that points fall into, ascending, and how many points fall into each. One pass.
+/// A stratified draw: one random point in each of `count` equal shares of `total`, the sum of `weights`. Returns the
+/// items that points fall into, ascending, and the number of points in each. One pass.
 pub fn stratified(
     weights: impl Iterator<Item = f64>,
     total: f64,

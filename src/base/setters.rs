@@ -1,8 +1,8 @@
 //! Setters for structs of parameters, which are `#[non_exhaustive]` so that they may grow.
 //!
-//! Written by one macro, so that a struct lists its fields a second time and nothing more; no cost at run time.
+//! One macro writes them, so a struct only lists its fields a second time; no cost at run time.
 
-/// Gives a struct a method per field that sets it and hands the struct back:
+/// Gives a struct one method per field, which sets it and returns the struct:
 /// `Params::default().width(800).height(600)`.
 macro_rules! setters {
     ($name:ident { $($field:ident: $type:ty),+ $(,)? }) => {

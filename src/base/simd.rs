@@ -1,17 +1,17 @@
-//! Loops compiled for the widest vectors that this processor has.
+//! Loops compiled for the widest vectors that the processor supports.
 //!
-//! The program is built for every 64-bit processor, which on x86 means vectors of 16 bytes; a loop that does nothing
-//! but arithmetic runs two to four times as fast on 32 or 64. [`dispatch`] runs a kernel compiled for the baseline, for
-//! AVX2 and for AVX-512, whichever the processor has. Results are the same to the bit: vectors do the same operations
-//! on the same numbers in the same order, and multiplications and additions are never contracted to one rounding.
+//! The program is built for every 64-bit processor, which on x86 means vectors of 16 bytes; a purely arithmetic loop
+//! runs two to four times as fast on 32 or 64. [`dispatch`] runs a kernel compiled for the baseline, AVX2 or AVX-512,
+//! whichever the processor supports. Results are the same to the bit: vectors perform the same operations on the same
+//! numbers in the same order, and a multiplication and an addition are never fused.
 
 /// A loop for [`dispatch`].
 pub trait SimdKernel {
-    /// What it computes.
+    /// The result.
     type Output;
 
-    /// Runs it. To be marked `#[inline(always)]`, as the functions that it calls: what is not inlined is compiled for
-    /// every processor, and that holds for closures that are passed on.
+    /// Runs it. Mark it and the functions that it calls `#[inline(always)]`: code that is not inlined is compiled for
+    /// the baseline only. The same holds for closures passed on.
     fn run(self) -> Self::Output;
 }
 
@@ -49,7 +49,7 @@ mod tests {
 
     #[test]
     fn products_and_sums_are_not_contracted() {
-        // (1 + ε)² − (1 + 2ε) is ε² by one rounding, and 0 by two.
+        // (1 + ε)² − (1 + 2ε) is ε² if fused (rounded once), and 0 if rounded twice.
         let x: Vec<f64> = (0..100).map(|i| 1. + f64::EPSILON * f64::from(i % 7 + 1)).collect();
         assert_eq!(dispatch(Products(&x)), [0.; 100]);
         assert_eq!(Products(&x).run(), [0.; 100]);

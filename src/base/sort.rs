@@ -1,10 +1,10 @@
-//! Sorts of what is short beside a mesh: candidates, parts, cells, eigenvalues.
+//! Sorts for lists that are short compared with a mesh: candidates, parts, cells, eigenvalues.
 //!
-//! The standard library compiles a sort for each type of element and each comparison, two thousand lines of LLVM IR
-//! each time; sixty of them were a twentieth of the library's build. Here the one sort that is compiled puts numbers
-//! into order, by a comparison that it calls through a pointer; elements are swapped into place afterwards.
+//! The standard library compiles a sort for each element type and each comparison, two thousand lines of LLVM IR each
+//! time; sixty of them were a twentieth of the library's build time. Here only one sort is compiled. It sorts indices,
+//! with a comparison called through a pointer; the elements are then swapped into place.
 //!
-//! Cost: a call per comparison, and 8 bytes of memory per element. What is sorted by the million keeps the standard
+//! Cost: one indirect call per comparison, and 8 bytes of memory per element. Lists of millions use the standard
 //! library's sorts.
 
 use std::cmp::Ordering;
@@ -27,15 +27,15 @@ fn ordered(n: usize, compare: &dyn Fn(usize, usize) -> Ordering) -> Vec<usize> {
     order
 }
 
-/// The map of `pairs`; of equal keys the last counts. What a map collects is sorted first, by a sort of its own; this
-/// inserts one pair after the other.
+/// A map of `pairs`; of equal keys the last one counts. Collecting into a map would sort the pairs first, with another
+/// compiled sort; this inserts them one by one.
 pub fn map_of<K: Ord, V>(pairs: impl IntoIterator<Item = (K, V)>) -> BTreeMap<K, V> {
     let mut map = BTreeMap::new();
     map.extend(pairs);
     map
 }
 
-/// Brings item `order[k]` to place k, for all k, by swaps along the cycles of `order`.
+/// Moves item `order[k]` to position k, for all k, by swaps along the cycles of `order`.
 pub(super) fn arrange(mut order: Vec<usize>, swap: &mut dyn FnMut(usize, usize)) {
     for start in 0..order.len() {
         let mut at = start;

@@ -1,7 +1,7 @@
 //! How often pairs of numbers occur: parts against cells, labels against labels.
 //!
-//! Neighbours in the order of a mesh mostly have the same pair, so runs of equal pairs are counted before the map is
-//! touched. Cost: a comparison per pair, a look-up per run.
+//! Neighbours in mesh order mostly have the same pair, so runs of equal pairs are counted before the map is updated.
+//! Cost: one comparison per pair, one look-up per run.
 
 use std::collections::BTreeMap;
 

@@ -1,8 +1,8 @@
-//! Union-find: disjoint sets whose representative is always their least member, whatever the order of unions.
+//! Union-find: disjoint sets whose representative is always the least member, whatever the order of unions.
 //!
-//! Paths are halved on the way; there is no rank, since the least member must win. [`Forest`] holds plain sets,
-//! [`ParityForest`] also a bit between each member and its representative. Memory: 4 bytes per member. Own code because
-//! the representative is part of results, and because parents may lie in a mapped file.
+//! Paths are halved during a search; there is no rank, since the least member must be the root. [`Forest`] holds plain
+//! sets; [`ParityForest`] also stores one bit between each member and its parent. Memory: 4 bytes per member. This is
+//! our own code because results depend on the representative, and because parents may lie in a mapped file.
 
 use super::{Cancel, Result};
 
@@ -11,14 +11,14 @@ use super::{Cancel, Result};
 pub struct Forest<P>(P);
 
 impl Forest<Vec<u32>> {
-    /// `n` sets of one.
+    /// `n` singletons.
     pub fn new(n: usize) -> Self {
         Self((0..n as u32).collect())
     }
 }
 
 impl<'a> Forest<&'a mut [u32]> {
-    /// Sets of one, whose parents lie in `parents` (n).
+    /// Singletons, with their parents stored in `parents` (n).
     pub fn over(parents: &'a mut [u32]) -> Self {
         (0u32..).zip(&mut *parents).for_each(|(i, parent)| *parent = i);
         Self(parents)
@@ -26,7 +26,7 @@ impl<'a> Forest<&'a mut [u32]> {
 }
 
 impl<P: AsRef<[u32]> + AsMut<[u32]>> Forest<P> {
-    /// Sets that `parents` (n) tell; none is greater than its child.
+    /// The sets described by `parents` (n); no parent is greater than its child.
     pub fn of(parents: P) -> Self {
         Self(parents)
     }
@@ -59,15 +59,15 @@ impl<P: AsRef<[u32]> + AsMut<[u32]>> Forest<P> {
     }
 }
 
-/// The bit of a parent that holds the parity between a member and that parent; members have 31 bits.
+/// The bit of a parent link that holds the parity between a member and its parent; members have 31 bits.
 pub const PARITY: u32 = 1 << 31;
 
-/// A forest with parities, over parents that lie elsewhere. Members are added in ascending order.
+/// A forest with parities, over a caller's array of parents. Members are added in ascending order.
 #[derive(Debug)]
 pub struct ParityForest<'a>(&'a mut [u32]);
 
 impl<'a> ParityForest<'a> {
-    /// No members yet; `parents` (n) need not be initialised.
+    /// No members yet; `parents` (n) may be uninitialised.
     pub fn new(parents: &'a mut [u32]) -> Self {
         Self(parents)
     }
@@ -78,7 +78,7 @@ impl<'a> ParityForest<'a> {
         self.0[i as usize] = i;
     }
 
-    /// The representative of `i` and the parity on the way there.
+    /// The representative of `i` and the parity of the path to it.
     #[inline]
     fn find(&mut self, mut i: u32) -> (u32, u32) {
         let mut parity = 0;
@@ -93,16 +93,16 @@ impl<'a> ParityForest<'a> {
             if above & !PARITY == up {
                 return (up, parity);
             }
-            // Both steps at once, for this member from now on.
+            // Path halving: the member now links to its grandparent, with the parity of both steps.
             self.0[i as usize] = above ^ (link & PARITY);
             parity ^= above & PARITY;
             i = above & !PARITY;
         }
     }
 
-    /// Joins the set of representative `mine`, which a member reaches with parity `my_parity`, with the set of `other`,
-    /// which has parity `between` to that member. Returns the member's representative and parity from now on. Where
-    /// both are in one set already, nothing changes, even if parities contradict.
+    /// Joins the set with representative `mine`, which a member reaches with parity `my_parity`, with the set of
+    /// `other`, whose parity relative to that member is `between`. Returns the member's new representative and parity.
+    /// If both are already in one set, nothing changes, even if the parities contradict each other.
     #[inline]
     pub fn join(&mut self, (mine, my_parity): (u32, u32), other: u32, between: u32) -> (u32, u32) {
         let (other, parity) = self.find(other);
@@ -114,17 +114,17 @@ impl<'a> ParityForest<'a> {
         (low, if low == mine { my_parity } else { parity ^ between })
     }
 
-    /// Parents as they lie, each with the parity to it; none is greater than its child.
+    /// The array of parents, each with its parity; no parent is greater than its child.
     pub fn into_parents(self) -> &'a mut [u32] {
         self.0
     }
 }
 
-/// Members between looks at the stop flag.
+/// Members between two checks of the stop flag.
 const CHUNK: usize = 1 << 18;
 
-/// Sets each of `parents` (n), which hold no greater ones, to its representative, with the parity on the way there in
-/// [`PARITY`]. One ascending pass, since parents come before children.
+/// Replaces each of `parents` (n), none of which is greater than its child, by its representative, with the parity of
+/// the path in [`PARITY`]. One ascending pass suffices, since parents come before children.
 ///
 /// # Errors
 /// [`super::Error::Cancelled`].

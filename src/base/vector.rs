@@ -31,7 +31,7 @@ pub fn add_scaled(a: [f64; 3], s: f64, b: [f64; 3]) -> [f64; 3] {
     [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
 }
 
-/// a in length 1; 0 where it has no length.
+/// a normalised to length 1; 0 where it has no length.
 #[inline(always)]
 pub fn unit(a: [f64; 3]) -> [f64; 3] {
     let length = length(a);
@@ -44,7 +44,7 @@ pub fn double_area([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
     cross(minus(b, a), minus(c, a))
 }
 
-/// The area of a triangle; also where its square is beyond the doubles or below them, as long as the area is not.
+/// The area of a triangle. Correct even where its square overflows or underflows, as long as the area itself does not.
 #[inline(always)]
 pub fn area(triangle: [[f64; 3]; 3]) -> f64 {
     let double = double_area(triangle);
@@ -60,7 +60,7 @@ pub fn triangle_distance([a, b, c]: [[f64; 3]; 3], p: [f64; 3]) -> f64 {
         let t = if size > 0. { (dot(along, out) / size).clamp(0., 1.) } else { 0. };
         length(add_scaled(out, -t, along))
     };
-    // Over the inside it is the height above the plane.
+    // If the foot of the perpendicular lies inside, the distance is the height above the plane.
     let (normal, out) = (double_area([a, b, c]), minus(p, a));
     let square = dot(normal, normal);
     let (s, t) = (dot(cross(out, minus(c, a)), normal), dot(cross(minus(b, a), out), normal));
@@ -70,7 +70,7 @@ pub fn triangle_distance([a, b, c]: [[f64; 3]; 3], p: [f64; 3]) -> f64 {
     to_edge(a, b).min(to_edge(b, c)).min(to_edge(c, a))
 }
 
-/// |a| without the squares of its coordinates.
+/// |a| without squaring the coordinates, so that it cannot overflow.
 #[cold]
 fn scaled_length(a: [f64; 3]) -> f64 {
     let most = a[0].abs().max(a[1].abs()).max(a[2].abs());
@@ -95,13 +95,13 @@ pub fn wide(a: [f32; 3]) -> [f64; 3] {
     [f64::from(a[0]), f64::from(a[1]), f64::from(a[2])]
 }
 
-/// `factor` times a, in single precision.
+/// `factor` · a, in single precision.
 #[inline(always)]
 pub fn narrow(a: [f64; 3], factor: f64) -> [f32; 3] {
     [(a[0] * factor) as f32, (a[1] * factor) as f32, (a[2] * factor) as f32]
 }
 
-/// Bits that two positions have in common where their coordinates are equal: −0 counts as 0.
+/// Bits that are equal for two positions exactly where their coordinates are equal: −0 counts as 0.
 #[inline(always)]
 pub fn position_key(a: [f64; 3]) -> [u64; 3] {
     [(a[0] + 0.).to_bits(), (a[1] + 0.).to_bits(), (a[2] + 0.).to_bits()]
@@ -113,7 +113,7 @@ pub fn finite(a: [f64; 3]) -> bool {
     a[0].is_finite() && a[1].is_finite() && a[2].is_finite()
 }
 
-/// |a − b|² of points of many coordinates, as `LANES` sums side by side, which are added up last.
+/// |a − b|² of high-dimensional points, accumulated in `LANES` parallel sums that are added up at the end.
 #[inline(always)]
 pub fn square_apart<const LANES: usize>(a: &[f32], b: &[f32]) -> f32 {
     let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
