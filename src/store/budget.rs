@@ -1,8 +1,8 @@
-//! The memory budget: what may be allocated, as opposed to mapped.
+//! The memory budget: how much may be allocated, as opposed to mapped.
 //!
-//! One budget serves a run. A stage asks for what it would like and gets what is left, or an
-//! error when not even its minimum fits; the grant is given back when dropped. The bytes are
-//! promises of the caller, checked in tests by a counting allocator.
+//! One budget serves a run. A stage requests what it would like and gets what is left, or an error when not even its
+//! minimum fits; a grant is returned when dropped. The caller promises to keep to its grant; tests check this with a
+//! counting allocator.
 
 use crate::base::{Error, Result};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ pub struct Budget {
     used: Arc<AtomicU64>,
 }
 
-/// Bytes granted by a [`Budget`], given back on drop.
+/// Bytes granted by a [`Budget`], returned on drop.
 #[derive(Debug)]
 pub struct Grant {
     budget: Budget,
@@ -28,25 +28,25 @@ impl Budget {
         Self { total, used: Arc::default() }
     }
 
-    /// Half of what this process may use: of the machine's free memory, of its control group's limit or of its own
-    /// (`ulimit -v`, `ulimit -d`), whichever is least; 1 GiB where none can be read.
+    /// Half of what this process may use: the least of the machine's free memory, the limit of its control group and
+    /// the limits of the process (`ulimit -v`, `ulimit -d`); 1 GiB where none can be read.
     pub fn of_machine() -> Self {
         let limit = [Self::machine_limit(), process_limit()].into_iter().flatten().min();
         Self::new(limit.map_or(1 << 30, |bytes| bytes / 2))
     }
 
-    /// What may lie in memory, the page cache included, which knows no limit of a process: the machine's free memory or
-    /// the control group's limit, whichever is less.
+    /// What may lie in memory including the page cache, to which process limits do not apply: the machine's free memory
+    /// or the control group's limit, whichever is less.
     pub fn machine_limit() -> Option<u64> {
         [available_memory(), control_group_limit()].into_iter().flatten().min()
     }
 
-    /// All of it.
+    /// The size of the whole budget.
     pub fn total(&self) -> u64 {
         self.total
     }
 
-    /// What is not granted now.
+    /// What is not granted at present.
     pub fn left(&self) -> u64 {
         self.total.saturating_sub(self.used.load(Ordering::Relaxed))
     }
@@ -54,7 +54,7 @@ impl Budget {
     /// Takes `wanted` bytes, or what is left if that is less, but at least `minimum`.
     ///
     /// # Errors
-    /// [`Error::Memory`] when less than `minimum` is left; `what` says for what.
+    /// [`Error::Memory`] when less than `minimum` is left; `what` names the purpose.
     pub fn take(&self, what: &'static str, minimum: u64, wanted: u64) -> Result<Grant> {
         self.granted(minimum, wanted.max(minimum)).map_err(|left| Error::Memory {
             what,
@@ -68,7 +68,7 @@ impl Budget {
         self.granted(0, wanted).unwrap_or_else(|_| Grant { budget: self.clone(), bytes: 0 })
     }
 
-    /// Takes `wanted` bytes, or what is left unless it is less than `minimum`; then the error is what is left.
+    /// Takes `wanted` bytes, or what is left unless that is less than `minimum`; the error value is what is left.
     fn granted(&self, minimum: u64, wanted: u64) -> std::result::Result<Grant, u64> {
         let left = |used: u64| self.total.saturating_sub(used);
         let more = |used: u64| (left(used) >= minimum).then(|| used + wanted.min(left(used)));
@@ -99,8 +99,8 @@ fn available_memory() -> Option<u64> {
     Some(line.split_whitespace().nth(1)?.parse::<u64>().ok()? * 1024)
 }
 
-/// Half the soft limit of this process's address space or data, whichever is less: mapped files, stacks and the
-/// program lie in it too.
+/// Half the soft limit of this process's address space or data segment, whichever is less. Half, because mapped files,
+/// stacks and the program count too.
 fn process_limit() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/limits").ok()?;
     let limits = ["Max address space", "Max data size"].into_iter();

@@ -1,17 +1,17 @@
-//! Arrays that an earlier run left, checked as they are opened: lengths against each other, and numbers of nodes, cells
-//! or rows against how many there are.
+//! Arrays of an earlier run, validated when opened: lengths against each other, and indices against the number of
+//! nodes, cells or rows.
 //!
-//! A stage's files are opened only where their checksums are those of the manifest. But whoever alters an array can
-//! alter the manifest too. After these checks no number read from a work directory leads beyond an array; what is wrong
-//! is an error that names the file. Cost: one pass over the arrays of indices, 4 bytes each, at the speed of memory,
-//! right after the pass for the checksum.
+//! A stage's files are opened only if their checksums match the manifest. But whoever alters an array can alter the
+//! manifest too. After these checks no index read from a work directory is out of bounds; a violation is an error that
+//! names the file. Cost: one pass over the index arrays, 4 bytes per item, at memory speed, right after the pass for
+//! the checksum.
 
 use super::MappedSlice;
 use super::npy::Item;
 use super::workdir::WorkDir;
 use crate::base::{Error, Result};
 
-/// Items that are looked at together; each block is looked at without branches.
+/// Items checked together; each block is checked without branches.
 const BLOCK: usize = 1 << 12;
 
 /// Whether all of `values` are below `end`.
@@ -19,7 +19,7 @@ pub fn all_below(values: impl ExactSizeIterator<Item = u32> + Clone, end: usize)
     let Ok(end) = u32::try_from(end) else { return true };
     let mut rest = values;
     while rest.len() > 0 {
-        // A block at a time: it vectorises, and ends early all the same.
+        // Block by block: the inner loop vectorises, and the search still ends early.
         if rest.by_ref().take(BLOCK).fold(false, |wrong, value| wrong | (value >= end)) {
             return false;
         }
@@ -28,7 +28,7 @@ pub fn all_below(values: impl ExactSizeIterator<Item = u32> + Clone, end: usize)
 }
 
 impl WorkDir {
-    /// The error of a file in this directory that contradicts others, or itself.
+    /// The error for a file of this directory that is inconsistent with others, or with itself.
     pub fn damaged(&self, name: &str, problem: impl Into<String>) -> Error {
         Error::work_dir(
             self.place(name),
@@ -40,7 +40,7 @@ impl WorkDir {
     /// Opens the finished array `name`, which has `len` items.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where it has not; as [`WorkDir::open_array`].
+    /// [`Error::WorkDir`] where the length differs; as [`WorkDir::open_array`].
     pub fn array_of<T: Item>(&self, name: &str, len: usize) -> Result<MappedSlice<T>> {
         let array = self.open_array::<T>(name)?;
         if array.len() == len {
@@ -49,7 +49,7 @@ impl WorkDir {
         Err(self.damaged(name, format!("has {} items instead of {len}", array.len())))
     }
 
-    /// Opens the finished array `name` of `len` numbers of `end` things, counted from 0.
+    /// Opens the finished array `name` of `len` indices below `end`.
     ///
     /// # Errors
     /// [`Error::WorkDir`] where one of them is `end` or more; as [`WorkDir::array_of`].
@@ -61,7 +61,7 @@ impl WorkDir {
         Err(self.damaged(name, format!("has indices that are not below {end}")))
     }
 
-    /// Opens the finished array `name` of where each of `rows` rows begins, and the end: `items` items in all.
+    /// Opens the finished array `name` of the starts of `rows` rows, followed by the end: `items` items in all.
     ///
     /// # Errors
     /// [`Error::WorkDir`] where they do not ascend from 0 to `items`; as [`WorkDir::array_of`].
@@ -73,10 +73,10 @@ impl WorkDir {
         Err(self.damaged(name, format!("does not ascend from 0 to {items}")))
     }
 
-    /// Opens the finished array `name` of `len` numbers above 0.
+    /// Opens the finished array `name` of `len` positive numbers.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where one of them is 0, negative or none; as [`WorkDir::array_of`].
+    /// [`Error::WorkDir`] where one of them is 0, negative or NaN; as [`WorkDir::array_of`].
     pub fn positive(&self, name: &str, len: usize) -> Result<MappedSlice<f32>> {
         let array = self.array_of::<f32>(name, len)?;
         if array.chunks(BLOCK).all(|block| block.iter().fold(true, |fine, &value| fine & (value > 0.))) {

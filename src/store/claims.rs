@@ -1,10 +1,10 @@
-//! Which parts of which files this process has mapped, so that nobody reads what another part of the program writes.
+//! Which ranges of which files this process has mapped, so that no part of the program reads what another part writes.
 //!
-//! Two slices of Rust over the same memory, one of them writable, are undefined behaviour, whoever made them. Mappings
-//! of one file are such memory, whatever names it is opened under. So every mapping is entered here while it lives: a
-//! range that is mapped for writing is claimed by that mapping alone, and a file with such a range is not mapped for
-//! reading. What would overlap is refused, which makes mapping a safe function within one process; files of other
-//! processes are kept apart by the lock on the work directory.
+//! Two Rust slices over the same memory, one of them writable, are undefined behaviour, however they came about. Two
+//! mappings of one file are such memory, whatever names the file is opened under. So every mapping is registered here
+//! while it lives: a range mapped for writing is claimed exclusively, and a file with such a range cannot be mapped for
+//! reading. Overlapping claims are refused, which makes mapping a safe function within one process; other processes are
+//! kept out by the lock on the work directory.
 //!
 //! Cost: a lock and a look-up per mapping, less than the system call beside it.
 
@@ -15,7 +15,7 @@ use std::ops::Range;
 use std::os::unix::fs::MetadataExt;
 use std::sync::{Mutex, MutexGuard};
 
-/// A file, by device and number on it: the same under every name.
+/// A file, by device and inode number: the same under every name.
 type FileId = (u64, u64);
 
 /// How a file is mapped now.
@@ -51,7 +51,7 @@ impl Claim {
                 there.readers == 0 && there.written.iter().all(apart)
             }
         };
-        // What was there already stays, so an entry made just now is free.
+        // A refused claim leaves no empty entry behind: a new entry is always free.
         free.then(|| {
             match &written {
                 None => there.readers += 1,
@@ -61,12 +61,12 @@ impl Claim {
         })
     }
 
-    /// The right to read all of `file`; `None` while a part of it is mapped for writing.
+    /// A claim to read all of `file`; `None` while a part of it is mapped for writing.
     pub fn reading(file: &Metadata) -> Option<Self> {
         Self::enter(file, None)
     }
 
-    /// The right to write the bytes `range` of `file`; `None` while it is read, or any of them is written, elsewhere.
+    /// A claim to write the bytes `range` of `file`; `None` while it is read, or any of them is written, elsewhere.
     pub fn writing(file: &Metadata, range: Range<u64>) -> Option<Self> {
         Self::enter(file, Some(range))
     }

@@ -1,9 +1,9 @@
-//! Arrays of 4-byte items that are read piece by piece, past the page cache.
+//! Arrays of 4-byte items that are read piece by piece, bypassing the page cache.
 //!
-//! For every few pages a mapping costs the kernel a fault, a page table entry and, when memory is short, an
-//! interruption of all processors. Code that knows which pieces come next avoids that: a piece is one read into its own
-//! memory, which the disk fills directly. Where a file system refuses that (`tmpfs`), pieces are read as usual. Memory:
-//! the caller's, up to two pages more than the piece.
+//! For every few pages, a mapping costs the kernel a fault, a page-table entry and, when memory is short, a TLB flush
+//! on all processors. Code that knows which pieces come next avoids that: each piece is one read into the caller's own
+//! memory, which the disk fills directly. Where a file system does not support direct reads (`tmpfs`), pieces are read
+//! as usual. Memory: the caller's, up to two pages more than the piece.
 
 use super::mapped::MappedSlice;
 use crate::base::{Error, Result};
@@ -31,7 +31,7 @@ pub struct DirectArray {
 }
 
 impl DirectArray {
-    /// The array that `mapped` is, opened once more; `None` for one in memory.
+    /// Opens the array behind `mapped` once more; `None` for an array in memory.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -50,7 +50,7 @@ impl DirectArray {
     /// word where the first lies.
     ///
     /// # Errors
-    /// [`Error::Io`], also where the file ends before.
+    /// [`Error::Io`], also where the file is too short.
     pub fn read(&self, items: Range<usize>, out: &mut [u32]) -> Result<usize> {
         let (from, to) = (self.offset + 4 * items.start, self.offset + 4 * items.end);
         let start = from / PAGE * PAGE;
@@ -111,7 +111,7 @@ mod tests {
             [(0..30_000, 0), (0..1, 0), (29_999..30_000, 0), (992..993, 0), (5_000..9_100, 0), (7..20_000, 3)]
         {
             let mut memory = vec![0u32; DirectArray::words(range.len()) + PAGE / 4 + shift];
-            // Memory that is not aligned is refused by the system and read as usual.
+            // The system refuses unaligned memory; such pieces are read as usual.
             let skip = memory.as_ptr().align_offset(PAGE) + shift;
             let first = direct.read(range.clone(), &mut memory[skip..]).unwrap();
             assert_eq!(&memory[skip + first..][..range.len()], &items[range]);

@@ -1,10 +1,10 @@
-//! How fast the disk under a folder writes and reads, so that a run can tell how long it will wait for it.
+//! How fast the disk under a folder reads and writes, so that a run can estimate how long it will wait for it.
 //!
-//! A file of [`BYTES`] random bytes is written and brought to the disk, dropped from the page cache, and read again
-//! from beginning to end, nearly as stages do with large arrays. Virtual disks may keep recent writes in a cache of
-//! their host; they read these faster than older data.
+//! A file of [`BYTES`] random bytes is written and synced, dropped from the page cache, and read again from beginning
+//! to end, nearly as stages do with large arrays. Virtual disks may keep recent writes in a cache of their host; they
+//! then read these faster than older data.
 //!
-//! Cost: a tenth of a second on a fast disk, two seconds on one of 150 MB/s; a buffer of a mebibyte.
+//! Cost: a tenth of a second on a fast disk, two seconds on one of 150 MB/s; a buffer of one mebibyte.
 
 use super::private_folder;
 use crate::base::random::{mix, stream};
@@ -19,7 +19,7 @@ use std::time::Instant;
 const BYTES: usize = 128 << 20;
 /// Bytes written and read at a time.
 const BLOCK: usize = 1 << 20;
-/// Bytes that disks may recognise.
+/// Size of a page; equal pages might be deduplicated by the disk.
 const PAGE: usize = 4096;
 
 /// Bytes per second.
@@ -45,7 +45,7 @@ impl DiskSpeed {
         stream(0, "disk speed").fill_bytes(&mut block);
         let begun = Instant::now();
         for k in 0..BYTES / BLOCK {
-            // Disks may keep equal pages as one.
+            // Every page differs, since disks may deduplicate equal ones.
             for (page, j) in block.chunks_mut(PAGE).zip(0..) {
                 page[..8].copy_from_slice(&mix((k * BLOCK / PAGE + j) as u64).to_le_bytes());
             }

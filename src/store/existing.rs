@@ -1,4 +1,4 @@
-//! Opening work directories that must be there already, to go on from them or to look at them.
+//! Opens work directories that must exist already, to continue them or to inspect them.
 
 use super::WorkDir;
 use super::manifest::MANIFEST;
@@ -6,7 +6,7 @@ use crate::base::{Error, Result};
 use std::path::Path;
 
 impl WorkDir {
-    /// Opens an existing work directory for looking at it, beside any other reader.
+    /// Opens an existing work directory read-only, beside any other reader.
     ///
     /// # Errors
     /// [`Error::WorkDir`] when there is none, or when it is in use; [`Error::Io`].
@@ -23,7 +23,8 @@ impl WorkDir {
         Self::open_shared(path)
     }
 
-    /// The same, also for the work directory of two meshes that `correspond` leaves, which has no stages of its own.
+    /// The same, but also accepts the work directory of two meshes that `correspond` writes, which has no stages of its
+    /// own.
     ///
     /// # Errors
     /// As [`WorkDir::open_existing`].
@@ -31,19 +32,19 @@ impl WorkDir {
         if is_of_two(path) { Self::open_shared(path) } else { Self::open_existing(path) }
     }
 
-    /// Whether this is what `correspond` leaves: a work directory for each of two meshes.
+    /// Whether this was written by `correspond`: it contains a work directory for each of two meshes.
     pub fn is_of_two(&self) -> bool {
         is_of_two(self.path())
     }
 
-    /// Opens what is there to look at it.
+    /// Opens an existing folder read-only.
     fn open_shared(path: &Path) -> Result<Self> {
         Self::try_open(path, true)?
             .ok_or_else(|| Error::work_dir(path, "is in use by another run", "wait for it to end"))
     }
 }
 
-/// Whether the folder `path` is what `correspond` leaves: a work directory for each of two meshes.
+/// Whether `correspond` wrote the folder `path`: it contains a work directory for each of two meshes.
 fn is_of_two(path: &Path) -> bool {
     ["a", "b"].iter().all(|side| path.join(side).join(MANIFEST).is_file())
 }

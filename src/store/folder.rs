@@ -1,11 +1,11 @@
-//! Folders that one process has for itself: locked while in use, and removed with the process where they are temporary.
+//! Folders owned by one process: locked while in use, and removed with the process where they are temporary.
 //!
-//! The lock is an advisory one of the operating system and dies with its process, so a stale lock cannot exist.
-//! Temporary folders that a killed run left behind are known by their unlocked lock file, or by being empty, and the
-//! next run beside them removes them.
+//! The lock is an advisory lock of the operating system and ends with its process, so a stale lock cannot exist.
+//! Temporary folders of a killed run are recognised by their unlocked lock file, or by being empty, and the next run in
+//! the same parent removes them.
 //!
-//! Others may use the same parent, `/tmp` above all: a temporary folder is open to its owner alone, and only real
-//! folders of the same owner are taken for abandoned ones.
+//! Others may use the same parent, above all `/tmp`. So a temporary folder is accessible to its owner alone, and only
+//! real folders of the same owner are treated as abandoned.
 //!
 //! Network file systems weaken this in two ways. Some refuse locks (Lustre without `flock`, NFS without its lock
 //! service): work directories are then used without one, and temporary folders are never removed by others. Some
@@ -26,14 +26,14 @@ use std::sync::OnceLock;
 pub(super) const LOCK: &str = "lock";
 const TEMPORARY: &str = ".nystrom-stream-";
 
-/// What came of locking a folder.
+/// The result of trying to lock a folder.
 #[derive(Debug)]
 pub(super) enum Lock {
     /// It is held until this is dropped.
     Held(HeldLock),
-    /// Another process has it.
+    /// Another process holds it.
     Busy,
-    /// The file system has no locks, or a reader cannot have one.
+    /// The file system does not support locks, or a reader may not create one.
     Unsupported,
 }
 
@@ -41,14 +41,14 @@ pub(super) enum Lock {
 #[derive(Debug)]
 pub(super) struct HeldLock {
     file: File,
-    /// The process that has locked it; one that was forked from it has a copy of this.
+    /// The process that took the lock; a forked child has a copy of this value but does not own the lock.
     process: u32,
 }
 
 impl Drop for HeldLock {
     fn drop(&mut self) {
-        // Closing the file is not enough: a process that another thread is just starting has a copy of it until its
-        // program runs, and the next who opens the folder would be told that it is in use.
+        // Closing the file is not enough. A child that another thread is just spawning has a copy of the descriptor
+        // until it execs, and whoever opens the folder next would find it in use.
         if self.process == std::process::id() {
             let _ = fs4::FileExt::unlock(&self.file);
         }
@@ -59,11 +59,11 @@ impl Drop for HeldLock {
 #[derive(Debug)]
 struct Folder {
     path: PathBuf,
-    /// Why it could not be made; then every file in it fails as the folder did.
+    /// Why it could not be created; every file in it then fails with the same error.
     failure: Option<Error>,
     /// None without a lock.
     lock: Option<HeldLock>,
-    /// The process that has opened it: one that it forks has a copy of this, and leaves the folder to its parent.
+    /// The process that opened it; a forked child has a copy of this value but leaves the folder to its parent.
     process: u32,
 }
 
@@ -80,7 +80,7 @@ impl Folder {
     }
 }
 
-/// The folder of a work directory, which may be made only when its first file needs it.
+/// The folder of a work directory, which may be created lazily with its first file.
 #[derive(Debug)]
 pub(super) struct WorkFolder {
     parent: PathBuf,
@@ -88,7 +88,7 @@ pub(super) struct WorkFolder {
 }
 
 impl WorkFolder {
-    /// The folder `path`, whose lock is held as long as `lock` is open; `None` where the file system has no locks.
+    /// The folder `path`, locked until `lock` is dropped; `None` where the file system has no locks.
     pub fn of(path: &Path, lock: Option<HeldLock>) -> Self {
         let folder = Folder::new(path.to_path_buf(), None, lock);
         Self { folder: OnceLock::from(folder), ..Self::put_off(Path::new("")) }
@@ -102,13 +102,13 @@ impl WorkFolder {
         Ok(Self { folder: OnceLock::from(temporary_folder(parent)?), ..Self::put_off(parent) })
     }
 
-    /// A new folder in `parent`, made at the first call of [`WorkFolder::path`].
+    /// A new folder in `parent`, created at the first call of [`WorkFolder::path`].
     pub fn put_off(parent: &Path) -> Self {
         Self { parent: parent.to_path_buf(), folder: OnceLock::new() }
     }
 
-    /// Its path; made now where that was put off. Where it cannot be made, nothing is there, and nothing in it can be:
-    /// the parent's files are somebody else's.
+    /// Its path; the folder is created now if that was deferred. If it cannot be created, the path does not exist and
+    /// nothing can be created in it. Never falls back to the parent, whose files belong to others.
     pub fn path(&self) -> &Path {
         self.path_made_by(temporary_folder)
     }
@@ -130,17 +130,17 @@ impl WorkFolder {
         }
     }
 
-    /// Its path where it is made, else that of the folder that it would be in.
+    /// Its path if it exists, else that of the parent.
     pub fn place(&self) -> &Path {
         self.made().unwrap_or(&self.parent)
     }
 
-    /// Its path where it is made.
+    /// Its path if it exists.
     pub fn made(&self) -> Option<&Path> {
         self.folder.get().map(|folder| folder.path.as_path())
     }
 
-    /// Whether other processes are kept out of it.
+    /// Whether a lock keeps other processes out.
     pub fn is_locked(&self) -> bool {
         self.folder.get().is_some_and(|folder| folder.lock.is_some())
     }
@@ -151,14 +151,14 @@ impl WorkFolder {
     }
 }
 
-/// Locks the folder, alone or shared with other readers. Who reads need not be allowed to write: a lock file that is
-/// not there, or cannot be read, keeps nobody out.
+/// Locks the folder, exclusively or shared with other readers. A reader may lack write permission: a lock file that is
+/// missing or cannot be read keeps nobody out.
 ///
 /// # Errors
 /// [`Error::Io`].
 pub(super) fn lock(path: &Path, shared: bool) -> Result<Lock> {
     let mut options = File::options();
-    // A link in its place is an error.
+    // A symbolic link in place of the lock file is an error.
     options.read(true).write(!shared).create(!shared).custom_flags(libc::O_NOFOLLOW);
     let file = match options.open(path.join(LOCK)) {
         Err(error) if shared && matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied) => {
@@ -175,13 +175,13 @@ pub(super) fn lock(path: &Path, shared: bool) -> Result<Lock> {
     }
 }
 
-/// Whether `error` says that the file system has no locks.
+/// Whether `error` means that the file system has no locks.
 fn without_locks(error: &io::Error) -> bool {
     error.kind() == ErrorKind::Unsupported || error.raw_os_error() == Some(libc::ENOLCK)
 }
 
-/// A folder for scratch files, removed when dropped. Where the process is killed instead, the next run that makes
-/// one beside it removes it.
+/// A folder for scratch files, removed when dropped. If the process is killed instead, the next run that creates one in
+/// the same parent removes it.
 #[derive(Debug)]
 pub struct PrivateFolder(Folder);
 
@@ -198,7 +198,7 @@ impl Drop for PrivateFolder {
     }
 }
 
-/// A new folder in `parent` that only its owner can look into.
+/// A new folder in `parent` that only its owner can access.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -206,7 +206,8 @@ pub fn private(parent: &Path) -> Result<PrivateFolder> {
     temporary_folder(parent).map(PrivateFolder)
 }
 
-/// An error of `tempfile` without the path that its text repeats. The system's number is in the text alone.
+/// An error of `tempfile` without the path that its text repeats. Its operating-system error code is found only in the
+/// text.
 fn plain(error: io::Error) -> io::Error {
     let text = error.to_string();
     let text = text.split(" at path ").next().unwrap_or(&text);
@@ -214,7 +215,7 @@ fn plain(error: io::Error) -> io::Error {
     number.map_or_else(|| io::Error::new(error.kind(), text), io::Error::from_raw_os_error)
 }
 
-/// The `error` of making a folder once more, with its source, for the next file that needs the folder.
+/// A copy of the `error` of creating a folder, with its source, for the next file that needs the folder.
 fn again(error: &Error) -> Error {
     match error {
         Error::Io { path, action, source } => {
@@ -227,13 +228,13 @@ fn again(error: &Error) -> Error {
     }
 }
 
-/// A new, locked folder in `parent`; those that killed runs left there are removed.
+/// A new, locked folder in `parent`; abandoned ones of killed runs are removed.
 fn temporary_folder(parent: &Path) -> Result<Folder> {
-    // Another process that clears up may take a folder in the moment before it is locked: then once more.
+    // Another process that cleans up may remove a folder just before it is locked; then try again.
     for _ in 0..16 {
         let folder =
             tempfile::Builder::new().prefix(TEMPORARY).permissions(Permissions::from_mode(0o700)).tempdir_in(parent);
-        // Until it is locked, it goes with this variable.
+        // Until it is locked, it is removed when this variable is dropped.
         let folder = folder.map_err(|error| Error::io(parent, "create a temporary folder here")(plain(error)))?;
         let path = folder.path().to_path_buf();
         let locked = lock(&path, false);
@@ -265,8 +266,8 @@ fn machine() -> Vec<u8> {
     rustix::system::uname().nodename().to_bytes().to_vec()
 }
 
-/// Removes temporary work directories in `parent` whose process ran on this machine and is gone: real folders of the
-/// owner of `own`, a new one beside them, with a real lock file.
+/// Removes temporary work directories in `parent` whose process ran on this machine and is gone. Only real folders with
+/// a real lock file and the same owner as `own`, a newly created one, are removed.
 fn remove_abandoned(parent: &Path, own: &Path) {
     let (Ok(entries), Ok(own)) = (std::fs::read_dir(parent), std::fs::metadata(own)) else { return };
     for entry in entries.flatten() {
@@ -274,28 +275,28 @@ fn remove_abandoned(parent: &Path, own: &Path) {
         let named = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
         // Links are not followed.
         let real = |path: &Path| std::fs::symlink_metadata(path).ok().filter(|found| found.uid() == own.uid());
-        // A run was killed after it made its folder and before it locked it, or just before it removed it. One that is
-        // about to lock its folder makes another; what holds a file or is a link stays.
+        // Covers runs killed between creating and locking their folder, or just before removing it. A run that is about
+        // to lock its folder simply creates another. Links and folders with files are kept.
         let real_folder = named && real(&path).is_some_and(|found| found.is_dir());
         if real_folder && std::fs::remove_dir(&path).is_ok() {
             continue;
         }
-        // An empty one is of a run that ended before it could write, or of an older program.
+        // An empty lock file belongs to a run that ended before it could write, or to an older version.
         let ours = |file: PathBuf| std::fs::read(file).is_ok_and(|name| name.is_empty() || name == machine());
         let abandoned =
             real_folder && real(&path.join(LOCK)).is_some_and(|found| found.is_file()) && ours(path.join(LOCK));
         if !abandoned {
             continue;
         }
-        // Held until all is removed: a run that made its lock file and is about to lock it finds it busy or gone.
+        // Held until all is removed: a run that created its lock file and is about to lock it finds it busy or gone.
         if let Ok(Lock::Held(_held)) = lock(&path, false) {
             remove_folder(&path);
         }
     }
 }
 
-/// Removes a folder with all that is in it, its lock file last: by that the next run knows what a run that is killed
-/// meanwhile leaves. What cannot be removed stays.
+/// Removes a folder with all that is in it, its lock file last: if this run is killed meanwhile, the lock file lets the
+/// next run recognise what is left. Files that cannot be removed stay.
 fn remove_folder(path: &Path) {
     for entry in std::fs::read_dir(path).into_iter().flatten().flatten() {
         if entry.file_name() == LOCK {

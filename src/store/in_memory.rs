@@ -1,11 +1,10 @@
-//! Arrays of a temporary work directory that are held in memory, where the budget allows it.
+//! Arrays of a temporary work directory that are kept in memory where the budget allows.
 //!
-//! A file that nobody will ever open again costs a page fault for every 4 KiB when it is first written, another when
-//! it is read, and its way to the disk if it lives long enough: on a mesh of a million faces a fifth of the whole
-//! run, on one of a hundred million more than the disk can take. Memory on large pages costs none of that. So a
-//! temporary directory may be given a budget, and what fits into it is allocated instead: counted, and taken from the
-//! budget like every other allocation. What does not fit becomes a file with the same values, so results do not
-//! depend on where an array is.
+//! A file that nobody will open again costs a page fault per 4 KiB when it is first written, another when it is read,
+//! and disk writes if it lives long enough: a fifth of the whole run on a mesh of a million faces, and more than the
+//! disk can take on one of a hundred million. Memory on large pages costs none of that. So a temporary directory may be
+//! given a budget; arrays that fit are allocated from it like everything else. An array that does not fit becomes a
+//! file with the same values, so results do not depend on where an array is.
 
 use super::budget::Budget;
 use super::folder::WorkFolder;
@@ -16,13 +15,13 @@ use std::ffi::OsStr;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// The arrays of a work directory that are held in memory.
+/// The arrays of a work directory that are kept in memory.
 #[derive(Debug)]
 pub struct InMemoryArrays {
     budget: Budget,
-    /// Where arrays go that do not fit.
+    /// Where arrays go that do not fit in memory.
     folder: Arc<WorkFolder>,
-    /// By the name that the file would have: the bytes, and how many of them are the array's.
+    /// Buffer and length in bytes of each array, by the name that its file would have.
     arrays: Mutex<BTreeMap<String, (MappedBytes, usize)>>,
 }
 
@@ -32,17 +31,17 @@ impl InMemoryArrays {
         Self { budget: budget.clone(), folder, arrays: Mutex::default() }
     }
 
-    /// No arrays yet, from the same budget; for those of a folder inside.
+    /// No arrays yet, from the same budget; for a nested folder.
     pub(super) fn within(&self, folder: Arc<WorkFolder>) -> Self {
         Self::new(&self.budget, folder)
     }
 
-    /// Bytes of the budget in all.
+    /// The size of the whole budget in bytes.
     pub fn budget(&self) -> u64 {
         self.budget.total()
     }
 
-    /// The path of the file `name` where it is none in memory.
+    /// The path of the file `name`, for an array that is not in memory.
     pub fn file(&self, name: &OsStr) -> PathBuf {
         self.folder.path().join(name)
     }
@@ -66,7 +65,7 @@ impl InMemoryArrays {
         self.arrays().get(name).cloned()
     }
 
-    /// Gives up the array `name`, if there is one. Its memory is free when its last reader is gone.
+    /// Removes the array `name`, if there is one. Its memory is freed with its last reader.
     pub fn remove(&self, name: &str) {
         self.arrays().remove(name);
     }

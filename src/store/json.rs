@@ -1,7 +1,7 @@
-//! JSON files that appear by rename when they are whole.
+//! JSON files, written atomically by rename.
 //!
-//! A value that cannot be written as JSON is an error. What people write by hand, JSON or not, is read as a whole,
-//! up to a limit.
+//! A value that cannot be represented in JSON is an error. Files written by hand, JSON or not, are read as a whole, up
+//! to a size limit.
 
 use super::new_file::by_rename;
 use crate::base::{Error, Result};
@@ -14,18 +14,18 @@ use std::path::Path;
 /// `value` as a JSON value; `what` names it in the error.
 ///
 /// # Errors
-/// [`Error::Internal`] for what JSON cannot tell.
+/// [`Error::Internal`] for a value that JSON cannot represent.
 pub fn value(what: &str, value: &impl Serialize) -> Result<Value> {
     serde_json::to_value(value).map_err(|error| Error::internal(&format!("{what} cannot be told as JSON: {error}")))
 }
 
-/// Greatest file that is read as a whole: what people write, and hierarchies of some two thousand cells.
+/// The largest file that is read as a whole: files written by hand, and hierarchies of some two thousand cells.
 const SMALL: u64 = 64 << 20;
 
-/// What the small file `path` holds.
+/// The content of the small file `path`.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::Unusable`] for more than 64 MiB, which no file of its kind has.
+/// [`Error::Io`]; [`Error::Unusable`] above 64 MiB, more than any file of this kind has.
 pub fn read_small(path: &Path) -> Result<Vec<u8>> {
     let mut text = Vec::new();
     File::open(path).and_then(|file| file.take(SMALL + 1).read_to_end(&mut text)).map_err(Error::io(path, "read"))?;
@@ -38,14 +38,14 @@ pub fn read_small(path: &Path) -> Result<Vec<u8>> {
 /// `value` as JSON, for the file `path`.
 ///
 /// # Errors
-/// [`Error::Unusable`] naming `path` for a value that JSON cannot tell.
+/// [`Error::Unusable`] naming `path` for a value that JSON cannot represent.
 pub fn text(path: &Path, value: &impl Serialize) -> Result<Vec<u8>> {
     serde_json::to_vec(value).map_err(|error| {
         Error::unusable(path, format!("would hold what JSON cannot tell: {error}"), "report this as a fault")
     })
 }
 
-/// Writes the file `path` with `text`, under another name until it is whole and on the disk.
+/// Writes `text` to the file `path`, under another name until it is complete and synced.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -53,7 +53,7 @@ pub fn publish(path: &Path, text: &[u8]) -> Result<()> {
     replace(path, text, true)
 }
 
-/// The same, on the disk before the name is it only where `durable`.
+/// The same, but synced before the rename only where `durable`.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -74,7 +74,7 @@ mod tests {
     use super::*;
     use std::collections::BTreeMap;
 
-    /// What JSON cannot tell became an empty file, or an empty value in a report.
+    /// Regression: a value that JSON cannot represent became an empty file, or an empty value in a report.
     #[test]
     fn what_json_cannot_tell_is_an_error_and_leaves_no_file() {
         let dir = tempfile::tempdir().unwrap();

@@ -7,15 +7,15 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Version of the layout of a work directory. A newer one is refused; what an older one holds is made anew.
+/// Version of the layout of a work directory. A newer one is refused; stages of an older one are rebuilt.
 pub const FORMAT: u32 = 2;
 
-/// Program and version that writes manifests now.
+/// Program and version recorded in manifests that are written now.
 pub(super) const PROGRAM: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
-/// Its file.
+/// The file of the manifest.
 pub const MANIFEST: &str = "manifest.json";
 
-/// What the manifest says.
+/// The content of the manifest.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Manifest {
     /// Layout version.
@@ -31,17 +31,17 @@ pub struct Manifest {
 pub struct StageRecord {
     /// Hash of name, version and inputs.
     pub key: String,
-    /// Version of the algorithm that made it; 0 in manifests of format 1, which did not tell.
+    /// Version of the algorithm that made it; 0 in manifests of format 1, which did not record it.
     #[serde(default)]
     pub version: u32,
-    /// What it was made of: options, and keys of other stages.
+    /// What the stage depends on: options, and keys of other stages.
     #[serde(alias = "options")]
     pub inputs: serde_json::Value,
     /// Its files by name.
     pub files: BTreeMap<String, FileRecord>,
     /// Numbers that later stages and reports need.
     pub facts: serde_json::Value,
-    /// How long it took.
+    /// How many seconds it took.
     pub seconds: f64,
 }
 
@@ -61,7 +61,7 @@ impl Manifest {
     }
 }
 
-/// XXH3 of a file's bytes, in hexadecimal. Read where they are mapped: copying them would cost as much as hashing.
+/// XXH3 of a file's bytes, in hexadecimal. Hashed through the mapping: copying the bytes would cost as much as hashing.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`].
@@ -71,7 +71,7 @@ pub fn checksum(path: &Path) -> Result<String> {
     Ok(checksum_of(&bytes))
 }
 
-/// The same of bytes in memory.
+/// The same for bytes in memory.
 pub fn checksum_of(bytes: &[u8]) -> String {
     format!("{:016x}", xxh3_64(bytes))
 }

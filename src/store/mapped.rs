@@ -3,22 +3,22 @@
 //! # Why it is sound
 //! A mapping is safe to read as bytes as long as nobody changes or truncates the file under it.
 //!
-//! - *Within this process* every mapping is claimed while it lives ([`super::claims`]): bytes that are mapped for
-//!   writing are mapped once, and by nobody for reading, under whatever name the file is opened. A mapping that would
-//!   overlap is an error. So is one that goes beyond the end of its file.
+//! - *Within this process* every mapping is claimed while it lives ([`super::claims`]): bytes mapped for writing are
+//!   mapped once, and nobody maps them for reading, whatever name the file is opened under. A mapping that would
+//!   overlap is an error. So is one beyond the end of its file.
 //! - *Other processes of this program* are kept out by the lock on the work directory. Its files are written under a
 //!   temporary name and renamed when whole.
-//! - *Other programs* may write to any file, which no program can prevent. Numbers may then change between two
-//!   reads; every index read from a file is checked by the slice that it indexes, so the worst is a wrong number or
-//!   a panic, which is caught. Should a file shrink, the kernel raises `SIGBUS`, which [`report_vanishing_files`]
-//!   turns into an ordinary failure.
+//! - *Other programs* may write to any file, which no program can prevent. Numbers may then change between two reads;
+//!   every index read from a file is checked by the slice that it indexes, so the worst outcome is a wrong number or a
+//!   panic, which is caught. Should a file shrink, the kernel raises `SIGBUS`, which [`report_vanishing_files`] turns
+//!   into an ordinary failure.
 //!
 //! Typed views go through `bytemuck`, which checks size and alignment and accepts only types for which
 //! every bit pattern is a value.
 //!
 //! # Cost
-//! A view costs no memory of its own; a page is read at its first touch (about 0.1–0.25 µs a
-//! page of 4 KiB that is cached, measured) and may be dropped by the kernel at any time.
+//! A view costs no memory of its own; a page is read at its first access (about 0.1–0.25 µs per cached page of 4 KiB,
+//! measured) and may be dropped by the kernel at any time.
 #![allow(unsafe_code)]
 
 use super::budget::{Budget, Grant};
@@ -32,7 +32,7 @@ use std::ops::{Deref, DerefMut};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-/// Zeroed memory of a budget, aligned for every item type.
+/// Zeroed memory from a budget, aligned for every item type.
 #[derive(Debug)]
 pub struct AlignedBuffer {
     words: Vec<u64>,
@@ -40,15 +40,15 @@ pub struct AlignedBuffer {
 }
 
 impl AlignedBuffer {
-    /// The memory of `grant`, on large pages. They are not touched here.
+    /// The memory of `grant`, on large pages. The pages are not touched here.
     pub fn of(grant: Grant) -> Self {
         let words = vec![0; (grant.bytes() / 8) as usize];
         huge_pages(&words);
         Self { words, _grant: grant }
     }
 
-    /// Memory for at least `bytes` bytes on large pages, where `budget` can spare them: half of it stays for others.
-    /// The pages are not touched here but by the threads that fill them.
+    /// Memory for at least `bytes` bytes on large pages, if `budget` can spare them: half of it stays free for others.
+    /// The pages are first touched by the threads that fill them.
     pub fn spare(budget: &Budget, bytes: usize) -> Option<Self> {
         let bytes = bytes.next_multiple_of(size_of::<u64>()) as u64;
         if budget.left() < bytes.saturating_add(budget.total() / 2) {
@@ -57,7 +57,7 @@ impl AlignedBuffer {
         Some(Self::of(budget.take("work arrays", bytes, bytes).ok()?))
     }
 
-    /// A copy of `items`, where `budget` can spare the memory.
+    /// A copy of `items`, if `budget` can spare the memory.
     pub fn copy_of<T: Pod>(budget: &Budget, items: &[T]) -> Option<Self> {
         let mut words = Self::spare(budget, size_of_val(items))?;
         words.items_mut(items.len()).copy_from_slice(items);
@@ -79,7 +79,7 @@ impl AlignedBuffer {
     /// Its first `len` items.
     ///
     /// # Panics
-    /// Where it is shorter.
+    /// If it is shorter.
     pub fn items<T: Pod>(&self, len: usize) -> &[T] {
         bytemuck::cast_slice(&self.bytes()[..len * size_of::<T>()])
     }
@@ -87,18 +87,18 @@ impl AlignedBuffer {
     /// Its first `len` items, to be written.
     ///
     /// # Panics
-    /// Where it is shorter.
+    /// If it is shorter.
     pub fn items_mut<T: Pod>(&mut self, len: usize) -> &mut [T] {
         bytemuck::cast_slice_mut(&mut self.bytes_mut()[..len * size_of::<T>()])
     }
 }
 
-/// How a mapping is going to be read; passed on to the kernel.
+/// The expected access pattern of a mapping; passed on to the kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// Neighbouring pages soon: the kernel's default read-ahead.
+    /// Nearby pages soon: the kernel's default read-ahead.
     Local,
-    /// Once from start to end: read far ahead, drop behind.
+    /// Once from start to end: aggressive read-ahead, early reclaim.
     Sequential,
     /// Anywhere: no read-ahead.
     Random,
@@ -114,19 +114,19 @@ impl Access {
     }
 }
 
-/// The bytes of a whole file, mapped read-only, or of an array in memory in its place. Clones share them.
+/// The bytes of a whole file, mapped read-only, or of an array in memory. Clones share them.
 #[derive(Clone, Debug)]
 pub struct MappedBytes {
     map: Option<Arc<Bytes>>,
 }
 
-/// Where bytes lie. A claim is dropped before its mapping: once a removed file is unmapped, the system may give its
-/// number to a new file, and nobody uses a mapping that is being dropped.
+/// Where bytes lie. The claim is dropped before its mapping: once a deleted file is unmapped, the system may give its
+/// inode number to a new file. This is safe, since nobody uses a mapping that is being dropped.
 #[derive(Debug)]
 enum Bytes {
     File(#[expect(dead_code, reason = "given back when dropped")] Claim, Mmap, PathBuf),
     Held(AlignedBuffer),
-    /// A caller's vector of 4-byte or of 8-byte items, kept as what it is: so it is aligned and never copied.
+    /// A caller's vector of 4-byte or of 8-byte items, kept with its type: so it is aligned and never copied.
     Words(Vec<u32>),
     DoubleWords(Vec<u64>),
 }
@@ -139,7 +139,7 @@ enum BytesMut {
 }
 
 impl BytesMut {
-    /// The `bytes` of `file` from `offset` on; none are more than there can be.
+    /// Maps `bytes` bytes of `file` from `offset` on. `None`, an overflowed length, is an error.
     fn map(file: &File, path: &Path, offset: usize, bytes: Option<usize>) -> Result<Self> {
         let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
         let end =
@@ -177,7 +177,7 @@ impl MappedBytes {
         Ok(Self { map: Some(Arc::new(Bytes::File(claim, map, path.to_path_buf()))) })
     }
 
-    /// Tells the kernel how the bytes will be read. Advice only: failures are ignored.
+    /// Advises the kernel how the bytes will be read. Failures are ignored.
     pub fn advise(&self, access: Access) {
         if let Some(Bytes::File(_, map, _)) = self.map.as_deref() {
             let _ = map.advise(access.advice());
@@ -217,20 +217,20 @@ impl Deref for MappedBytes {
 }
 
 impl From<Vec<u32>> for MappedBytes {
-    /// The bytes of `words`, which are taken over without a copy.
+    /// Takes the bytes of `words` over without a copy.
     fn from(words: Vec<u32>) -> Self {
         Self { map: Some(Arc::new(Bytes::Words(words))) }
     }
 }
 
 impl From<Vec<u64>> for MappedBytes {
-    /// The bytes of `words`, which are taken over without a copy.
+    /// Takes the bytes of `words` over without a copy.
     fn from(words: Vec<u64>) -> Self {
         Self { map: Some(Arc::new(Bytes::DoubleWords(words))) }
     }
 }
 
-/// A read-only array in a mapped file; derefs to a slice. Clones share the mapping.
+/// A read-only array in a mapped file; dereferences to a slice. Clones share the mapping.
 #[derive(Clone, Debug)]
 pub struct MappedSlice<T> {
     bytes: MappedBytes,
@@ -240,12 +240,12 @@ pub struct MappedSlice<T> {
 }
 
 impl<T: Pod> MappedSlice<T> {
-    /// An array without items and without a file.
+    /// An empty array without a file.
     pub fn empty() -> Self {
         Self { bytes: MappedBytes { map: None }, offset: 0, len: 0, item: PhantomData }
     }
 
-    /// Tells the kernel how the array will be read.
+    /// Advises the kernel how the array will be read.
     pub fn advise(&self, access: Access) {
         self.bytes.advise(access);
     }
@@ -261,7 +261,7 @@ impl<T: Pod> From<Vec<T>> for MappedSlice<T>
 where
     MappedBytes: From<Vec<T>>,
 {
-    /// The array `items`, which is taken over without a copy.
+    /// Takes the array `items` over without a copy.
     fn from(items: Vec<T>) -> Self {
         let len = items.len();
         Self { bytes: items.into(), offset: 0, len, item: PhantomData }
@@ -279,7 +279,7 @@ impl<T: Pod> Deref for MappedSlice<T> {
     }
 }
 
-/// A writable array in a mapped file of ours, or in memory; derefs to a mutable slice.
+/// A writable array in a mapped file of this program, or in memory; dereferences to a mutable slice.
 #[derive(Debug)]
 pub struct MappedSliceMut<T> {
     map: Option<BytesMut>,
@@ -291,11 +291,11 @@ pub struct MappedSliceMut<T> {
 }
 
 impl<T: Pod> MappedSliceMut<T> {
-    /// Maps `len` items from byte `offset` of `file`, whose blocks exist already; no more than them.
+    /// Maps `len` items from byte `offset` of `file`. Their blocks must exist already.
     ///
     /// # Errors
-    /// [`Error::Io`] naming `path` when the mapping fails; [`Error::Internal`] where the file ends before, or while any
-    /// of these bytes is mapped elsewhere in this process.
+    /// [`Error::Io`] naming `path` when the mapping fails; [`Error::Internal`] where the file is too short, or while
+    /// any of these bytes is mapped elsewhere in this process.
     pub fn map(file: &Arc<File>, path: &Path, offset: usize, len: usize) -> Result<Self> {
         if len == 0 {
             return Ok(Self { map: None, file: None, offset, len: 0, item: PhantomData });
@@ -304,13 +304,13 @@ impl<T: Pod> MappedSliceMut<T> {
         Ok(Self { map: Some(map), file: Some(file.clone()), offset, len, item: PhantomData })
     }
 
-    /// The first `len` items of `words`, as far as those go, in memory.
+    /// The first `len` items of `words`, or fewer if it is shorter, in memory.
     pub fn held(words: AlignedBuffer, len: usize) -> Self {
         let len = len.min(words.bytes().len() / size_of::<T>().max(1));
         Self { map: Some(BytesMut::Held(words)), file: None, offset: 0, len, item: PhantomData }
     }
 
-    /// The bytes of an array in memory, from now on only read; `None` for one in a file.
+    /// The bytes of an array in memory, now read-only; `None` for one in a file.
     pub fn freeze(self) -> Option<MappedBytes> {
         match self.map {
             Some(BytesMut::Held(words)) => Some(MappedBytes { map: Some(Arc::new(Bytes::Held(words))) }),
@@ -318,17 +318,17 @@ impl<T: Pod> MappedSliceMut<T> {
         }
     }
 
-    /// A handle for sending parts of the array to the disk while it is written.
+    /// A handle that flushes parts of the array to the disk while it is written.
     pub fn writeback(&self) -> Option<Writeback> {
         let file = self.file.clone()?;
         Some(Writeback { file, offset: self.offset, item: size_of::<T>() })
     }
 
-    /// Replaces all items. Those of a file are written to it, not through the mapping: a fault a
-    /// page costs more than a copy.
+    /// Replaces all items. Those of a file are written to the file, not through the mapping: one page fault per page
+    /// costs more than a copy.
     ///
     /// # Errors
-    /// The operating system's; `InvalidInput` for another number of items.
+    /// The operating system's; `InvalidInput` if the number of items differs.
     pub fn overwrite(&mut self, items: &[T]) -> std::io::Result<()> {
         use std::os::unix::fs::FileExt;
         if items.len() != self.len {
@@ -343,7 +343,7 @@ impl<T: Pod> MappedSliceMut<T> {
         }
     }
 
-    /// Writes changed pages to the disk and waits.
+    /// Writes modified pages to the disk and waits.
     ///
     /// # Errors
     /// The operating system's.
@@ -351,7 +351,7 @@ impl<T: Pod> MappedSliceMut<T> {
         if let Some(BytesMut::File(_, map)) = &self.map { map.flush() } else { Ok(()) }
     }
 
-    /// Tells the kernel how the array will be used.
+    /// Advises the kernel how the array will be used.
     pub fn advise(&self, access: Access) {
         if let Some(BytesMut::File(_, map)) = &self.map {
             let _ = map.advise(access.advice());
@@ -384,7 +384,7 @@ impl<T: Pod> DerefMut for MappedSliceMut<T> {
     }
 }
 
-/// The file under a mapped array: sends parts of it to the disk early, or writes them past the mapping. See
+/// The file behind a mapped array: flushes parts of it early, or writes them past the mapping. See
 /// [`MappedSliceMut::writeback`].
 #[derive(Clone, Debug)]
 pub struct Writeback {
@@ -394,7 +394,7 @@ pub struct Writeback {
 }
 
 impl Writeback {
-    /// Starts writing the changed pages of `items`. Advice only: failures are ignored.
+    /// Starts writing the modified pages of `items`. Advice only: failures are ignored.
     pub fn start(&self, items: std::ops::Range<usize>) {
         #[cfg(target_os = "linux")]
         {
@@ -414,7 +414,7 @@ impl Writeback {
         let _ = (&self.file, self.offset, self.item, items);
     }
 
-    /// Writes `items` from the item `first` on, to the file and not through the mapping.
+    /// Writes `items` from the item `first` on, to the file rather than through the mapping.
     ///
     /// # Errors
     /// The operating system's.
@@ -423,7 +423,7 @@ impl Writeback {
         self.file.write_all_at(bytemuck::cast_slice(items), (self.offset + first * self.item) as u64)
     }
 
-    /// Reads back what was written from the item `first` on.
+    /// Reads items back from the item `first` on.
     ///
     /// # Errors
     /// The operating system's.
@@ -433,7 +433,7 @@ impl Writeback {
     }
 }
 
-/// Asks the kernel for pages of 2 MiB under `slice`, in memory not touched yet: one fault instead of 512. Advice only.
+/// Requests pages of 2 MiB under `slice`, in memory not touched yet: one fault instead of 512. Advice only.
 pub fn huge_pages<T>(slice: &[T]) {
     #[cfg(target_os = "linux")]
     advise_pages(slice, libc::MADV_HUGEPAGE);
@@ -441,18 +441,18 @@ pub fn huge_pages<T>(slice: &[T]) {
     let _ = slice;
 }
 
-/// Asks the kernel to read the pages of `slice` soon, without waiting. Advice only. Of each piece of advice Linux reads
-/// no more than it reads ahead of a sequential reader, so there is one for every [`ASKED`] bytes.
+/// Asks the kernel to read the pages of `slice` soon, without waiting. Advice only. Linux honours each such call only
+/// up to its read-ahead size, so there is one call per [`ASKED`] bytes.
 pub fn will_need<T>(slice: &[T]) {
     for piece in slice.chunks((ASKED / size_of::<T>().max(1)).max(1)) {
         advise_pages(piece, libc::MADV_WILLNEED);
     }
 }
 
-/// The least that Linux reads ahead, unless it was told otherwise.
+/// Linux's default read-ahead size.
 const ASKED: usize = 128 << 10;
 
-/// Tells the kernel how the pages of `slice` will be used. Advice only.
+/// Advises the kernel how the pages of `slice` will be used.
 pub fn advise<T>(slice: &[T], access: Access) {
     advise_pages(slice, access.advice() as libc::c_int);
 }
@@ -464,7 +464,7 @@ pub fn page_bytes() -> usize {
     *BYTES.get_or_init(|| usize::try_from(unsafe { libc::sysconf(libc::_SC_PAGESIZE) }).unwrap_or(0).max(1 << 12))
 }
 
-/// Gives advice that is about how pages are kept and read only.
+/// Gives advice that affects only how pages are kept and read.
 fn advise_pages<T>(slice: &[T], advice: libc::c_int) {
     let page = page_bytes();
     let start = slice.as_ptr() as usize / page * page;
@@ -475,7 +475,7 @@ fn advise_pages<T>(slice: &[T], advice: libc::c_int) {
     }
 }
 
-/// Asks the processor to fetch the cache line at `slice[index]`; nothing where it lies outside.
+/// Prefetches the cache line at `slice[index]`; does nothing where that is out of bounds.
 #[inline(always)]
 pub fn prefetch<T>(slice: &[T], index: usize) {
     #[cfg(target_arch = "x86_64")]
@@ -488,9 +488,9 @@ pub fn prefetch<T>(slice: &[T], index: usize) {
     let _ = (slice, index);
 }
 
-/// Turns the `SIGBUS` of a mapped file that shrank or whose disk failed into a message on standard
-/// error and exit code 1, leaving the work directory as it is; and has writing beyond a limit on file sizes
-/// (`ulimit -f`) end as an error like a full disk's instead of in `SIGXFSZ`. Call once at start.
+/// Turns the `SIGBUS` of a mapped file that shrank or whose disk failed into a message on standard error and exit code
+/// 1, leaving the work directory as it is. Also ignores `SIGXFSZ`, so that writing beyond a limit on file sizes
+/// (`ulimit -f`) fails with an error like that of a full disk. Call once at start.
 pub fn report_vanishing_files() {
     extern "C" fn on_sigbus(_: libc::c_int) {
         const TEXT: &[u8] = b"nystrom-stream: a mapped file shrank or could not be read while in use (input changed, or disk failed); run again when the file is whole\n";
@@ -508,7 +508,7 @@ pub fn report_vanishing_files() {
     }
 }
 
-/// The error of a mapping that would overlap another one of this process.
+/// The error for a mapping that would overlap another one of this process.
 fn claimed(path: &Path) -> Error {
     Error::internal(&format!("{}: is mapped elsewhere while it is written", path.display()))
 }

@@ -1,8 +1,8 @@
 //! Where arrays live: mapped files, work directories, shuffles to disk, the memory budget.
 //!
-//! Everything of the size of the mesh is a file here, mapped on demand, so that the kernel may take its pages back at
-//! any time; only what a [`Budget`] grants is allocated. Where it grants enough, arrays of temporary directories are
-//! held in memory instead ([`in_memory`]).
+//! Everything of the size of the mesh is a file here, mapped on demand, so that the kernel may reclaim its pages at any
+//! time; only what a [`Budget`] grants is allocated. If it grants enough, arrays of temporary directories are kept in
+//! memory instead ([`in_memory`]).
 
 pub mod budget;
 pub mod checked;

@@ -1,8 +1,8 @@
 //! What stages will need, estimated before a run: memory, disk while they run, disk that they keep.
 //!
 //! Each stage states it beside its code, in [`super::stage::Stage::needs`], by the same arithmetic that its code uses;
-//! `plan` adds up. Arrays of a temporary directory are held in memory while half of the budget stays free, so what one
-//! stage takes decides what is left for the next: [`Room`] is handed from stage to stage.
+//! `plan` adds them up. Arrays of a temporary directory are kept in memory while half of the budget stays free, so the
+//! arrays of one stage determine what is left for the next: a [`Room`] is passed from stage to stage.
 
 use super::shuffle::Sizing;
 use serde::Serialize;
@@ -10,8 +10,8 @@ use serde::Serialize;
 /// Bytes allocated besides what stages state: queues of fronts, buffers of writers.
 pub const BASE: u64 = 2 << 20;
 
-/// Bytes that deciding about parts may allocate whatever the budget: enough for all defaults. What more landmarks
-/// take has to fit the budget.
+/// Bytes that deciding about parts may allocate outside the budget: enough for all defaults. What more landmarks need
+/// must fit the budget.
 pub const BESIDE_BUDGET: u64 = 40 << 20;
 
 /// The size of a run.
@@ -25,65 +25,65 @@ pub struct Extent {
     pub corners: u64,
     /// Landmarks l.
     pub landmarks: u64,
-    /// Coordinates of the embedding, where faces are clustered in it.
+    /// Coordinates of the embedding, if faces are clustered in it.
     pub dimensions: u64,
     /// Worker threads.
     pub threads: u64,
     /// Whether faces are put in another order than the file's.
     pub reordered: bool,
-    /// Whether the surface is contracted, and rows are over the contraction.
+    /// Whether the mesh is contracted and rows are computed over the contraction.
     pub contracts: bool,
-    /// Whether rows are kept after cells have been averaged.
+    /// Whether rows are kept after they have been averaged over cells.
     pub keeps_rows: bool,
-    /// Whether geometry is computed from the mesh at each look.
+    /// Whether geometry is recomputed from the mesh at each access instead of stored.
     pub computed: bool,
-    /// Whether graph and fields are larger than what the kernel can keep in memory.
+    /// Whether the graph and the distance fields exceed what the kernel can keep in memory.
     pub paged: bool,
     /// Whether the surface is so rough that turning is measured with smoothed normals.
     pub rough: bool,
-    /// Whether the work directory lasts.
+    /// Whether the work directory is kept after the run.
     pub lasting: bool,
-    /// Whether stages give up what later ones do not read.
+    /// Whether stages delete what later ones do not read.
     pub releases: bool,
 }
 
-/// What a stage takes.
+/// What a stage needs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Needs {
-    /// Bytes allocated at the most, besides [`BASE`].
+    /// Peak bytes allocated, besides [`BASE`].
     pub memory: u64,
     /// Bytes that it leaves in the work directory.
     pub keeps: u64,
-    /// Bytes that it needs there besides while it runs.
+    /// Further bytes that it needs there while it runs.
     pub passing: u64,
-    /// Bytes of it and of stages before it that it gives up at its end.
+    /// Bytes of its own and of earlier stages' files that it deletes at its end.
     pub frees: u64,
-    /// Bytes read from the disk where memory keeps hardly anything of the mesh (measured:
+    /// Bytes read from the disk where memory holds hardly anything of the mesh (measured:
     /// `benches/records/2026-11-22-billion-again.md`).
     pub reads: u64,
-    /// Bytes written to the disk then.
+    /// Bytes written to the disk in that case.
     pub writes: u64,
 }
 
 impl Needs {
-    /// The same, with bytes read and written.
+    /// The same needs, with the bytes read and written.
     pub fn moving(self, reads: u64, writes: u64) -> Self {
         Self { reads, writes, ..self }
     }
 }
 
-/// The budget as work arrays take it that are held in memory: while half of it stays for others.
+/// The budget as arrays in memory see it: they may use it while half of it stays free.
 #[derive(Clone, Debug)]
 pub struct Room {
     total: u64,
     used: u64,
     holding: bool,
-    /// Bytes held of arrays that a later stage gives up.
+    /// Bytes of arrays in memory that a later stage deletes.
     lent: Vec<(&'static str, u64)>,
 }
 
 impl Room {
-    /// A budget of `total` bytes; `holding`: arrays of the work directory may be held in memory.
+    /// A budget of `total` bytes; `holding`: arrays of the work directory may be kept in memory.
     pub fn new(total: u64, holding: bool) -> Self {
         Self { total, used: 0, holding, lent: Vec::new() }
     }
@@ -93,29 +93,29 @@ impl Room {
         self.total
     }
 
-    /// What is taken now.
+    /// What is in use now.
     pub fn used(&self) -> u64 {
         self.used
     }
 
-    /// What is not taken.
+    /// What is free now.
     pub fn left(&self) -> u64 {
         self.total.saturating_sub(self.used)
     }
 
-    /// What of `bytes` is held where any array may be: all or nothing.
+    /// How many of `bytes` are kept in memory, if arrays of any kind may be: all or nothing.
     pub fn spare(&mut self, bytes: u64) -> u64 {
         let held = if self.left() >= bytes + self.total / 2 { bytes } else { 0 };
         self.used += held;
         held
     }
 
-    /// What of an array of the work directory is held.
+    /// How many bytes of an array of the work directory are kept in memory.
     pub fn take(&mut self, bytes: u64) -> u64 {
         if self.holding { self.spare(bytes) } else { 0 }
     }
 
-    /// [`Room::take`] of an array that a later stage gives up by its name.
+    /// [`Room::take`] for an array that a later stage deletes by name.
     pub fn lend(&mut self, name: &'static str, bytes: u64) -> u64 {
         let held = self.take(bytes);
         self.lent.retain(|(other, _)| *other != name);
@@ -123,7 +123,7 @@ impl Room {
         held
     }
 
-    /// Gives up what is held of the array `name`; tells how much that was.
+    /// Frees the array `name`; returns how many bytes of it were in memory.
     pub fn give_up(&mut self, name: &str) -> u64 {
         let at = self.lent.iter().position(|(other, _)| *other == name);
         let held = at.map_or(0, |at| self.lent.swap_remove(at).1);
@@ -131,28 +131,28 @@ impl Room {
         held
     }
 
-    /// Takes what a stage is granted as it is.
+    /// Takes what a stage is granted, unconditionally.
     pub fn grant(&mut self, bytes: u64) {
         self.used += bytes;
     }
 
-    /// Gives bytes back.
+    /// Returns bytes.
     pub fn give_back(&mut self, bytes: u64) {
         self.used = self.used.saturating_sub(bytes);
     }
 }
 
-/// A shuffle that may use the `part`-th part of what the budget has left.
+/// A shuffle that may use one `part`-th of what the budget has left.
 #[derive(Clone, Copy, Debug)]
 pub struct ShuffleNeeds {
-    /// Most bytes of it in memory, staged ones included.
+    /// Most bytes of it in memory, staging blocks included.
     pub held: u64,
     /// What it takes from the budget.
     pub granted: u64,
 }
 
 impl ShuffleNeeds {
-    /// For `records` of `size` bytes, of which consumers hold `copies` buckets, where `left` bytes are left.
+    /// For `records` of `size` bytes, where consumers hold `copies` buckets and `left` bytes are left.
     pub fn new(records: u64, size: usize, copies: u64, part: u64, left: u64, threads: u64) -> Self {
         let room = left / part;
         let sizing = Sizing::new(records, size, copies, threads as usize, room / 2);

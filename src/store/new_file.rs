@@ -1,11 +1,11 @@
-//! Creating files: always new ones, never through a link that somebody planted, never the file of another process.
+//! Creating files: always new ones, never through a planted link, never over the file of another process.
 //!
 //! The names of temporary files are predictable, and their folders may be open to others. So an existing file is never
 //! truncated: whatever has the name is removed, and the file is created by a call that fails if the name exists and
-//! follows no link. A file that another process is writing is left alone; an advisory lock, which dies with its
-//! process, shows that it is.
+//! follows no link. A file that another process is writing is left alone; it is recognised by an advisory lock, which
+//! ends with its process.
 //!
-//! Cost: three system calls a file.
+//! Cost: three system calls per file.
 
 use crate::base::{Error, Result};
 use std::fs::{File, TryLockError};
@@ -13,7 +13,7 @@ use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Creates `path` for writing and reading; what a killed run left under this name is removed.
+/// Creates `path` for writing and reading; a leftover of a killed run under this name is removed.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Unusable`] while another process writes it.
@@ -21,13 +21,13 @@ pub(crate) fn create(path: &Path) -> Result<File> {
     create_for(path, path)
 }
 
-/// The same of a file that `name` has until it is whole: errors name what people asked for.
+/// The same for the temporary file of `name`: errors name the file that the user requested.
 ///
 /// # Errors
 /// As [`create`].
 pub(crate) fn create_for(name: &Path, path: &Path) -> Result<File> {
     let wrong = || Error::io(name, "create");
-    // Another process may be in the same place: whoever finds its file replaced begins once more.
+    // Another process may be creating the same file: whoever finds its own replaced starts again.
     for _ in 0..8 {
         match File::options().read(true).write(true).create_new(true).open(path) {
             Ok(file) => {
@@ -39,8 +39,8 @@ pub(crate) fn create_for(name: &Path, path: &Path) -> Result<File> {
                 }
             }
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-                // Locked until it is removed: a run that made it a moment ago and has not locked it yet cannot go on
-                // with a file that loses its name.
+                // Locked until it is removed: a run that created it a moment ago and has not locked it yet cannot
+                // continue with a file that loses its name.
                 let held = match std::fs::symlink_metadata(path) {
                     Ok(left) if left.is_file() => File::open(path).map(Some),
                     // A link, or a folder.
@@ -50,7 +50,7 @@ pub(crate) fn create_for(name: &Path, path: &Path) -> Result<File> {
                 match &held {
                     Ok(Some(held)) if is_locked_elsewhere(held) => break,
                     Ok(Some(held)) if !is_at(held, path).map_err(wrong())? => continue,
-                    // Gone meanwhile: what has the name from here on is somebody else's new file.
+                    // It is gone: whatever has the name from here on is somebody else's new file.
                     Err(error) if error.kind() == ErrorKind::NotFound => continue,
                     _ => {}
                 }
@@ -65,18 +65,18 @@ pub(crate) fn create_for(name: &Path, path: &Path) -> Result<File> {
     Err(Error::unusable(name, "is being written by another process", "wait for it, or name another file"))
 }
 
-/// The name a file has until it is whole.
+/// The name that a file has until it is complete.
 pub fn partial_name(path: &Path) -> PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(".partial");
     path.with_file_name(name)
 }
 
-/// Creates the file that `path` is until it is whole ([`partial_name`]), with `bytes` reserved on the disk.
+/// Creates the temporary file of `path` ([`partial_name`]), with `bytes` reserved on the disk.
 ///
 /// # Errors
-/// [`Error::Io`] naming `path`, with the operating system's "no space" when the disk cannot hold it; then there is no
-/// file.
+/// [`Error::Io`] naming `path`, with the operating system's "no space" when the disk cannot hold it; no file is left
+/// then.
 pub(crate) fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
     let partial = partial_name(path);
     let file = create_for(path, &partial)?;
@@ -95,8 +95,8 @@ pub(crate) fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
     Ok(file)
 }
 
-/// Has `write` fill a new file, with `bytes` reserved, and gives it the name `path`, after syncing it where `durable`.
-/// Nothing is left behind when that fails.
+/// Calls `write` on a new file, with `bytes` reserved, and renames it to `path`, after syncing it where `durable`.
+/// Leaves nothing behind on failure.
 ///
 /// # Errors
 /// Those of `write`; [`Error::Io`].
@@ -126,13 +126,13 @@ fn filled(path: &Path, bytes: u64, durable: bool, write: &mut dyn FnMut(&mut Fil
     })
 }
 
-/// Whether `path` is the name of `file`, and not of another one that came in its place.
+/// Whether `path` still names `file`, and not another one that replaced it.
 fn is_at(file: &File, path: &Path) -> std::io::Result<bool> {
     let own = file.metadata()?;
     Ok(std::fs::symlink_metadata(path).is_ok_and(|found| (found.dev(), found.ino()) == (own.dev(), own.ino())))
 }
 
-/// Whether somebody has locked `file`; if not, it is locked from here on, where the file system can.
+/// Whether another process has locked `file`; if not, locks it from here on, if the file system can.
 fn is_locked_elsewhere(file: &File) -> bool {
     matches!(file.try_lock(), Err(TryLockError::WouldBlock))
 }

@@ -1,9 +1,9 @@
 //! Arrays as NumPy's `.npy` files that map in place.
 //!
-//! Files are written under `NAME.partial` with their blocks reserved (so that a full disk is an error at once and
-//! not a signal later), and renamed when whole; one that is not finished is removed. The header is padded to
-//! [`HEADER`] bytes, a multiple of 64, so that the data are aligned here and in NumPy, and so that a streamed array
-//! can fill in its length at the end.
+//! Files are written under `NAME.partial` with their blocks reserved (so that a full disk is an error at once and not a
+//! signal later), and renamed when complete; unfinished files are removed. The header is padded to [`HEADER`] bytes, a
+//! multiple of 64, so that the data are aligned here and in NumPy, and so that a streamed array can fill in its length
+//! at the end.
 
 use super::in_memory::InMemoryArrays;
 use super::mapped::AlignedBuffer;
@@ -17,14 +17,14 @@ use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Bytes before the data in every file written here.
+/// Header bytes of every file written here.
 pub const HEADER: usize = 128;
 
 /// Item types that NumPy knows by a name.
 pub trait Item: Pod + Send + Sync {
     /// NumPy's type string of a scalar, little-endian.
     const DESCR: &'static str;
-    /// Scalars an item: the length of the array's last axis where items are records.
+    /// Scalars per item: the length of the array's last axis where items are records.
     const WIDTH: usize = 1;
 }
 
@@ -64,7 +64,7 @@ impl Item for [f32; 8] {
 pub(super) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     let dims: Vec<String> = shape.iter().map(ToString::to_string).collect();
     let tuple = if dims.len() == 1 { format!("({},)", dims[0]) } else { format!("({})", dims.join(", ")) };
-    // Records are told as a list of names and types.
+    // Record types are given as a list of names and types, without quotes.
     let quote = if descr.starts_with('[') { "" } else { "'" };
     let mut text = format!("{{'descr': {quote}{descr}{quote}, 'fortran_order': False, 'shape': {tuple}, }}");
     let room = HEADER - 10;
@@ -78,17 +78,17 @@ pub(super) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     bytes
 }
 
-/// Where an array is made.
+/// Where an array is being written.
 #[derive(Debug)]
 enum Place {
-    /// In a file under its temporary name, renamed when whole.
+    /// In a file under its temporary name, renamed when complete.
     File(Arc<File>, Unfinished),
-    /// In memory, handed over when whole.
+    /// In memory, registered when complete.
     Memory(Arc<InMemoryArrays>),
 }
 
-/// Hands the array for `path` over to `arrays`, and gives its first `len` items; an array without items has
-/// no memory, but is there.
+/// Registers the array for `path` in `arrays`, and returns its first `len` items; an empty array has no memory but is
+/// registered too.
 pub(super) fn hand_over<T: Item>(
     path: &Path,
     arrays: &InMemoryArrays,
@@ -104,12 +104,12 @@ fn kept(path: &Path, arrays: &InMemoryArrays, bytes: Option<MappedBytes>, len: u
     bytes
 }
 
-/// An array of known shape being filled through a mapping; [`ArrayMut::finish`] makes it a file. Dropped
-/// before, it leaves nothing.
+/// An array of known shape being filled through a mapping; [`ArrayMut::finish`] makes it a file. If dropped before
+/// that, it leaves nothing.
 #[derive(Debug)]
 pub struct ArrayMut<T> {
     path: PathBuf,
-    /// Dropped before the file is removed.
+    /// Declared first, so that it is dropped before the file is removed.
     data: MappedSliceMut<T>,
     place: Place,
     early: bool,
@@ -127,14 +127,14 @@ impl<T: Item> ArrayMut<T> {
         Ok(Self { path: path.to_path_buf(), data, place: Place::File(file, unfinished), early: false })
     }
 
-    /// The same, but where `early`, finishing starts to write it to the disk, without waiting: for arrays that somebody
-    /// will sync a while later.
+    /// The same, but with `early`, finishing starts writeback without waiting: for arrays that will be synced a while
+    /// later.
     #[must_use]
     pub fn written_early(self, early: bool) -> Self {
         Self { early, ..self }
     }
 
-    /// An array of `shape` in `buffer`, which `arrays` will have under the name of `path`.
+    /// An array of `shape` in `buffer`, to be registered in `arrays` under the name of `path`.
     pub fn in_memory(path: &Path, shape: &[usize], buffer: AlignedBuffer, arrays: Arc<InMemoryArrays>) -> Self {
         let data = MappedSliceMut::held(buffer, shape.iter().product::<usize>() / T::WIDTH);
         Self { path: path.to_path_buf(), data, place: Place::Memory(arrays), early: false }
@@ -145,7 +145,7 @@ impl<T: Item> ArrayMut<T> {
         &mut self.data
     }
 
-    /// The mapped items, to look at.
+    /// The mapped items, read-only.
     pub fn items(&self) -> &[T] {
         &self.data
     }
@@ -168,14 +168,14 @@ impl<T: Item> ArrayMut<T> {
         } else if let (true, Some(writeback)) = (self.early, self.data.writeback()) {
             writeback.start(0..self.data.len());
         }
-        // From here on it is only read.
+        // From here on the array is only read.
         drop(self.data);
         unfinished.publish(&self.path)?;
         open(&self.path)
     }
 }
 
-/// Bytes that an array of unknown length takes at first.
+/// Initial capacity in bytes for an array of unknown length.
 const LEAST_BUFFER: usize = 1 << 16;
 
 /// A file under its temporary name, removed when dropped there.
@@ -183,7 +183,7 @@ const LEAST_BUFFER: usize = 1 << 16;
 struct Unfinished(Option<PathBuf>);
 
 impl Unfinished {
-    /// Gives the file, which is whole, the name `path`.
+    /// Renames the complete file to `path`.
     fn publish(mut self, path: &Path) -> Result<()> {
         std::fs::rename(partial_name(path), path).map_err(Error::io(path, "rename"))?;
         self.0 = None;
@@ -199,7 +199,7 @@ impl Drop for Unfinished {
     }
 }
 
-/// The file of an array of `bytes` under its temporary name, with its blocks and its header.
+/// The file of an array of `bytes` under its temporary name, with its blocks reserved and its header written.
 fn reserved(path: &Path, bytes: usize, header: &[u8]) -> Result<(Arc<File>, Unfinished)> {
     let mut file = reserve_file(path, (HEADER + bytes) as u64)?;
     let unfinished = Unfinished(Some(partial_name(path)));
@@ -216,23 +216,23 @@ fn start_file(path: &Path) -> Result<(BufWriter<File>, Unfinished)> {
     Ok((out, unfinished))
 }
 
-/// Where an array written from front to back goes.
+/// The destination of an array written from front to back.
 #[derive(Debug)]
 enum Out {
     File(BufWriter<File>, Unfinished),
-    /// In memory, which grows as needed; when the budget grants no more, the array becomes a file.
+    /// In memory, which grows as needed; when the budget grants no more, the array moves to a file.
     Memory(Option<AlignedBuffer>, Arc<InMemoryArrays>),
 }
 
-/// The bytes of an array, written from front to back. Apart from [`ArrayWriter`], which is compiled for each type of
-/// item.
+/// The bytes of an array, written from front to back. Separate from [`ArrayWriter`], which is compiled for each item
+/// type.
 #[derive(Debug)]
 struct ByteWriter {
     path: PathBuf,
     out: Out,
     /// Bytes so far.
     len: usize,
-    /// Whether the array may not grow beyond the buffer that it began in.
+    /// Whether the array may not outgrow its first buffer.
     bounded: bool,
 }
 
@@ -272,8 +272,8 @@ impl ByteWriter {
         Ok(())
     }
 
-    /// The bytes of an array in memory that is whole; those of a file are there with the `header`, synced where
-    /// `durable`, under the name of the array.
+    /// The bytes of a complete array in memory, or `None` for a file, which gets the `header`, is synced where
+    /// `durable`, and is renamed.
     fn finish(self, header: &[u8], durable: bool) -> Result<Option<MappedBytes>> {
         let (mut out, unfinished) = match self.out {
             Out::File(out, unfinished) => (out, unfinished),
@@ -294,8 +294,8 @@ impl ByteWriter {
     }
 }
 
-/// A one- or two-dimensional array written from front to back, its length known at the end. Its
-/// file goes where it fails.
+/// A one- or two-dimensional array written from front to back, its length known only at the end. Its file is removed on
+/// failure.
 #[derive(Debug)]
 pub struct ArrayWriter<T> {
     bytes: ByteWriter,
@@ -313,8 +313,8 @@ impl<T: Item> ArrayWriter<T> {
         Ok(Self::of(path, Out::File(file, unfinished), row, false))
     }
 
-    /// Starts an array in `buffer`, no longer than fits in there, or without one in what can be had later; `arrays`
-    /// will have it under the name of `path`.
+    /// Starts an array in `buffer`, limited to its size, or without one in memory acquired as needed; it will be
+    /// registered in `arrays` under the name of `path`.
     pub fn in_memory(path: &Path, row: usize, buffer: Option<AlignedBuffer>, arrays: Arc<InMemoryArrays>) -> Self {
         let bounded = buffer.is_some();
         Self::of(path, Out::Memory(buffer, arrays), row, bounded)
@@ -341,7 +341,7 @@ impl<T: Item> ArrayWriter<T> {
         self.bytes.push(bytes)
     }
 
-    /// Items so far.
+    /// Number of items so far.
     pub fn len(&self) -> usize {
         self.bytes.len / size_of::<T>()
     }
@@ -351,7 +351,7 @@ impl<T: Item> ArrayWriter<T> {
         self.bytes.len == 0
     }
 
-    /// Writes the header, syncs where `durable`, renames.
+    /// Writes the header, syncs where `durable`, and renames.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -365,8 +365,8 @@ impl<T: Item> ArrayWriter<T> {
     }
 }
 
-/// A `.npy` file whose items are of type `descr`, `width` to an item here: its bytes, where the data begin, how many
-/// items there are, and its shape.
+/// A `.npy` file whose items are of type `descr`, of `width` scalars each: its bytes, where the data begin, the number
+/// of items, and the shape.
 fn opened(path: &Path, descr: &str, width: usize) -> Result<(MappedBytes, usize, usize, Vec<u64>)> {
     let bytes = MappedBytes::open(path)?;
     let wrong = |problem: String| {
@@ -387,12 +387,12 @@ fn opened(path: &Path, descr: &str, width: usize) -> Result<(MappedBytes, usize,
 /// Opens a `.npy` file as an array of any shape, flattened.
 ///
 /// # Errors
-/// [`Error::Io`], or [`Error::Malformed`] when it is no such array or too short.
+/// [`Error::Io`], or [`Error::Malformed`] when it is not such an array or too short.
 pub fn open<T: Item>(path: &Path) -> Result<MappedSlice<T>> {
     Ok(open_shaped(path)?.0)
 }
 
-/// Opens a `.npy` file and tells its shape.
+/// Opens a `.npy` file and returns its shape as well.
 ///
 /// # Errors
 /// As [`open`].
@@ -415,7 +415,7 @@ pub fn write<T: Item>(path: &Path, items: &[T], row: usize, durable: bool) -> Re
 mod tests {
     use super::*;
 
-    /// A full disk kept the beginning of an output.
+    /// Regression: on a full disk the beginning of an output was left.
     #[test]
     fn an_array_that_cannot_be_finished_leaves_no_file() {
         let dir = tempfile::tempdir().unwrap();

@@ -1,12 +1,13 @@
-//! The header of a `.npy` file: a Python dictionary with three keys, of which only NumPy's own form is understood.
+//! The header of a `.npy` file: a Python dictionary with three keys, of which only the form that NumPy writes is
+//! accepted.
 //!
 //! One pass over the text without recursion, so the time is linear in its length: a parser for all of Python's literals
-//! takes exponential time for nested brackets, and `.npy` files come from strangers.
+//! takes exponential time on nested brackets, and `.npy` files may come from untrusted sources.
 
-/// What the header tells.
+/// The content of a header.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Header {
-    /// NumPy's type: a string's content as `<f4`, or a list of fields without spaces as `[('a','<i8')]`.
+    /// NumPy's type: the content of a string such as `<f4`, or a list of fields without spaces such as `[('a','<i8')]`.
     pub descr: String,
     /// Whether the first axis varies fastest.
     pub fortran: bool,
@@ -59,7 +60,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, String> {
 
 const TOO_LARGE: &str = "its shape is none that memory or disk could hold";
 
-/// What is left of the text.
+/// The rest of the text.
 struct Scanner<'a>(&'a str);
 
 impl<'a> Scanner<'a> {
@@ -198,7 +199,7 @@ mod tests {
 
     #[test]
     fn nested_brackets_take_no_longer_than_their_bytes() {
-        // Twenty of them took a parser of all of Python's literals longer than anybody waited.
+        // Twenty of them practically hung a parser of all of Python's literals.
         for bracket in ["[", "{", "(", "[(", "[{"] {
             let nested = bracket.repeat(20_000);
             assert!(of(&format!("{{'descr': {nested}")).is_err());

@@ -1,8 +1,8 @@
 //! A two-dimensional `.npy` whose rows are written one by one, each through a mapping of its own.
 //!
-//! So a finished row can be brought to the disk alone, whatever the others are doing, and a file that a killed run left
-//! half-filled can be taken up again: which of its rows are whole is for a journal to say. In a temporary directory
-//! rows are held in memory instead where the budget has room ([`super::in_memory`], [`are_held`]).
+//! So a finished row can be synced alone, whatever the others are doing, and a half-filled file of a killed run can be
+//! resumed: a journal records which of its rows are complete. In a temporary directory rows are kept in memory instead
+//! where the budget has room ([`super::in_memory`], [`are_held`]).
 
 use super::in_memory::InMemoryArrays;
 use super::mapped::AlignedBuffer;
@@ -16,14 +16,14 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// Rows up to this total size, in bytes, stay in memory whatever the budget.
+/// Rows up to this total size, in bytes, are kept in memory whatever the budget.
 const FEW: u64 = 32 << 20;
-/// The share of the budget that rows held in memory may take. Through a file each is copied twice and read
-/// back a page at a time, which is a tenth of a whole run of K-means at a million faces; but what is in a
-/// file the kernel can reclaim.
+/// Rows in memory may take one part in this many of the budget. Through a file each is copied twice and read back a
+/// page at a time, which takes a tenth of a whole K-means run at a million faces; but the kernel can reclaim pages of a
+/// file.
 const SHARE: u64 = 8;
 
-/// Whether rows of `bytes` bytes are held in memory, of a budget of `total` bytes that has room for them.
+/// Whether rows of `bytes` bytes in total are kept in memory, of a budget of `total` bytes that has room for them.
 pub fn are_held(bytes: u64, total: u64) -> bool {
     bytes <= FEW.max(total / SHARE)
 }
@@ -33,11 +33,11 @@ pub fn are_held(bytes: u64, total: u64) -> bool {
 enum Place<T> {
     /// In a file under its temporary name.
     File(Arc<File>),
-    /// In memory, handed over when all are whole.
+    /// In memory, registered when all are complete.
     Memory(Mutex<MappedSliceMut<T>>, Arc<InMemoryArrays>),
 }
 
-/// A file of rows under way.
+/// A file of rows in progress.
 #[derive(Debug)]
 pub struct RowsFile<T> {
     path: PathBuf,
@@ -55,7 +55,7 @@ impl<T: Item> RowsFile<T> {
         Self { path: path.to_path_buf(), place: Place::File(Arc::new(file)), rows, len }
     }
 
-    /// Rows in `buffer`, which `arrays` will have under the name of `path`.
+    /// Rows in `buffer`, to be registered in `arrays` under the name of `path`.
     pub(super) fn in_memory(
         path: &Path,
         rows: usize,
@@ -67,7 +67,7 @@ impl<T: Item> RowsFile<T> {
         Self { path: path.to_path_buf(), place: Place::Memory(Mutex::new(data), arrays), rows, len }
     }
 
-    /// All rows, one behind another, where they are held in memory; they cannot be mapped one by one.
+    /// All rows, one after another, where they are in memory; they cannot be mapped one by one then.
     pub fn held(&self) -> Option<MutexGuard<'_, MappedSliceMut<T>>> {
         let Place::Memory(data, _) = &self.place else { return None };
         Some(lock(data))
@@ -83,7 +83,7 @@ impl<T: Item> RowsFile<T> {
         Ok(Self::of(path, file, rows, len))
     }
 
-    /// Takes up `path.partial` as an earlier run left it; `None` where there is none of this shape.
+    /// Resumes `path.partial` of an earlier run; `None` if there is none of this shape.
     pub fn reopen(path: &Path, rows: usize, len: usize) -> Option<Self> {
         let mut file = File::options().read(true).write(true).open(partial_name(path)).ok()?;
         let mut found = [0; HEADER];

@@ -1,7 +1,7 @@
-//! What every stage gets: the run (threads, budget, progress, cancellation, seed), and the directory that it works in.
+//! What every stage gets: the run (threads, budget, progress, cancellation, seed), and the work directory.
 //!
-//! Both are passed by reference and cost nothing. Advice to the kernel is a system call for every 128 KiB; the loops
-//! start threads anew each time, some 50 µs a thread.
+//! Both are passed by reference and cost nothing. Advice to the kernel is one system call per 128 KiB; the parallel
+//! loops spawn their threads each time, some 50 µs per thread.
 
 use super::WorkDir;
 use super::budget::{Budget, Grant};
@@ -10,7 +10,7 @@ use crate::base::{Cancel, Progress, Result, parallel};
 use std::ops::Range;
 use std::time::Instant;
 
-/// The surroundings of a run; cheap to pass by reference.
+/// The settings and services of a run; cheap to pass by reference.
 pub struct Run<'a> {
     /// Worker threads, at least 1. Results do not depend on it.
     pub threads: usize,
@@ -18,17 +18,18 @@ pub struct Run<'a> {
     pub budget: Budget,
     /// Bytes of mapped files that the kernel can be trusted to keep in memory. Results do not depend on it.
     pub resident: u64,
-    /// Who listens.
+    /// Receives progress.
     pub progress: &'a dyn Progress,
     /// The stop flag.
     pub cancel: Cancel,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
-/// Bytes per element that a pass may have in use in all arrays, as a multiple of those of the array that is asked for.
+/// How many bytes per element a pass uses over all its arrays, as a multiple of those of the array passed to
+/// [`Run::is_paged`].
 const IN_USE: u64 = 16;
-/// Chunks that are asked for ahead of the one being worked on, so that the disk reads while another is worked on.
+/// Chunks requested ahead of the current one, so that reading overlaps with work.
 const AHEAD: usize = 4;
 
 impl<'a> Run<'a> {
@@ -45,32 +46,32 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// This run on as many of its threads as the budget has room for at `bytes` each, and what they were granted. One
-    /// thread is left whatever the room.
+    /// This run on as many of its threads as the budget has room for at `bytes` each, and the grant for them. At least
+    /// one thread is kept.
     pub fn threads_within(&self, bytes: u64) -> (Run<'a>, Grant) {
         let grant = self.budget.take_up_to(bytes.saturating_mul(self.threads as u64));
         (self.with_threads(grant.bytes() / bytes.max(1)), grant)
     }
 
-    /// The same for what cannot be less on one thread; `held` bytes are needed besides.
+    /// The same, but one thread's bytes are required; `held` bytes are needed besides.
     ///
     /// # Errors
-    /// [`crate::base::Error::Memory`] where there is no room for one; `what` says for what.
+    /// [`crate::base::Error::Memory`] if there is no room for one thread; `what` names the purpose.
     pub fn some_threads(&self, what: &'static str, held: u64, bytes: u64) -> Result<(Run<'a>, Grant)> {
         let all = bytes.saturating_mul(self.threads as u64);
         let grant = self.budget.take(what, held + bytes, held.saturating_add(all))?;
         Ok((self.with_threads((grant.bytes() - held) / bytes.max(1)), grant))
     }
 
-    /// This run on up to `most` of its threads, and on one at the least.
+    /// This run on up to `most` of its threads, but at least one.
     pub fn with_threads(&self, most: u64) -> Run<'a> {
         let threads = most.clamp(1, self.threads.max(1) as u64) as usize;
         Run { threads, budget: self.budget.clone(), cancel: self.cancel.clone(), ..*self }
     }
 
-    /// Asks the kernel to read the items `range` of `array` soon, and those of the next chunks of a pass, where arrays
-    /// of the mesh are more than it can keep in memory. Left to itself it reads megabytes on both sides of a page that
-    /// is missed, and in a small control group drops them unused. Advice only.
+    /// Asks the kernel to read the items `range` of `array` soon, and those of the next chunks of a pass, if arrays of
+    /// the mesh exceed what it can keep in memory. By default the kernel reads megabytes around a page that is missed,
+    /// and in a small control group drops them unused. Advice only.
     pub fn will_need<T>(&self, array: &[T], range: Range<usize>) {
         if self.is_paged(array) {
             let end = array.len().min(range.end + AHEAD * range.len());
@@ -78,19 +79,19 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// The same for a few items here and there, without those after them.
+    /// The same for a few scattered ranges, without those after them.
     pub fn will_need_few<T>(&self, array: &[T], ranges: impl Iterator<Item = Range<usize>>) {
         if self.is_paged(array) {
             ranges.for_each(|range| will_need(&array[range]));
         }
     }
 
-    /// Whether arrays of the mesh like `array` are more than the kernel can keep in memory.
+    /// Whether arrays of the mesh like `array` exceed what the kernel can keep in memory.
     pub fn is_paged<T>(&self, array: &[T]) -> bool {
         size_of_val(array) as u64 * IN_USE > self.resident
     }
 
-    /// Runs `work` as a stage: announced, timed, ended. Returns its result and its seconds.
+    /// Runs `work` as a stage and reports its begin, end and time. Returns its result and its seconds.
     ///
     /// # Errors
     /// Those of `work`.
@@ -230,17 +231,17 @@ impl Run<'_> {
     }
 }
 
-/// A work directory and the run that works in it; passed by value.
+/// A work directory and the run that uses it; passed by value.
 #[derive(Clone, Copy)]
 pub struct Context<'a> {
-    /// Where arrays are made and found.
+    /// Where arrays are created and found.
     pub work: &'a WorkDir,
     /// Threads, budget, progress, cancellation, seed.
     pub run: &'a Run<'a>,
 }
 
 impl<'a> Context<'a> {
-    /// Work in `work` as `run` says.
+    /// Combines `work` and `run`.
     pub fn new(work: &'a WorkDir, run: &'a Run<'a>) -> Self {
         Self { work, run }
     }

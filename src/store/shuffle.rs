@@ -1,18 +1,17 @@
-//! A shuffle: fixed-size records scattered by key into buckets, in memory while a limit allows,
-//! else in one file of the work directory.
+//! A shuffle: fixed-size records scattered by key into buckets, in memory up to a limit, the rest in one file of the
+//! work directory.
 //!
-//! This is the external sort of the program. Producers on several threads push records with a
-//! bucket number; later each bucket, small enough for memory, is read whole, sorted by its
-//! consumer and handed on. Buckets cover ascending key ranges, so the sequence of sorted
-//! buckets is the sorted whole.
+//! This is the external sort of the program. Producers on several threads push records with a bucket number; later each
+//! bucket, small enough for memory, is read as a whole, sorted by its consumer and passed on. Buckets cover ascending
+//! key ranges, so concatenating the sorted buckets gives the sorted whole.
 //!
-//! Memory: the limit, plus a staging block of [`BLOCK_BYTES`] or less for each bucket and producer, plus the buckets
-//! being read; [`Sizing`] fits all that into a share of the budget. A bucket has to fit memory once for every copy that
-//! its consumers hold. Buckets and staging blocks shrink with the room there is, so that 64 MiB sort a billion records
-//! as well, in smaller writes. Disk: what does not fit, written once in large blocks, read once.
+//! Memory: the limit, plus a staging block of at most [`BLOCK_BYTES`] for each bucket and producer, plus the buckets
+//! being read; [`Sizing`] fits all of that into a share of the budget. A bucket must fit memory once for every copy
+//! that its consumers hold. Buckets and staging blocks shrink with the available room, so 64 MiB are enough to sort a
+//! billion records, with smaller writes. Disk: what does not fit, written once in large blocks, read once.
 //!
-//! The order of records inside a bucket depends on timing; a consumer that wants repeatable results sorts by a total
-//! order (tested against an in-memory sort). So results depend neither on the budget nor on the threads.
+//! The order of records inside a bucket depends on timing; a consumer that needs repeatable results sorts by a total
+//! order (tested against an in-memory sort). Then results depend neither on the budget nor on the threads.
 
 use super::Run;
 use super::budget::Grant;
@@ -26,11 +25,11 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock};
 
-/// Bytes that a producer gathers before a bucket sees them.
+/// Bytes that a producer gathers before they go to a bucket.
 pub const BLOCK_BYTES: usize = 1 << 14;
-/// Bytes of a bucket where there is room: what a core's cache holds.
+/// Bytes of a bucket where there is room: what fits a core's cache.
 const BUCKET_BYTES: u64 = 1 << 20;
-/// Buckets at the most while buckets fit their room.
+/// Maximum number of buckets, as long as buckets of this number fit the room.
 const MOST_BUCKETS: u64 = 512;
 /// Bytes of the smallest staging block.
 const LEAST_BLOCK: u64 = 256;
@@ -44,7 +43,7 @@ pub struct Shuffle<T> {
     buckets: Vec<Mutex<Bucket<T>>>,
     held: AtomicU64,
     limit: u64,
-    /// Records a staging block.
+    /// Records per staging block.
     block: usize,
     /// Serialises the creation of the file.
     creation: Mutex<()>,
@@ -96,7 +95,7 @@ impl<T: Pod + Send> Shuffle<T> {
         self.len() == 0
     }
 
-    /// A producer; one a thread. Call [`Producer::finish`] at its end.
+    /// A producer; one per thread. Call [`Producer::finish`] at its end.
     pub fn producer(&self) -> Producer<'_, T> {
         Producer { shuffle: self, staged: (0..self.buckets.len()).map(|_| Vec::new()).collect() }
     }
@@ -140,7 +139,7 @@ impl<T: Pod + Send> Shuffle<T> {
         Ok(())
     }
 
-    /// Takes all records of a bucket out, in no particular order.
+    /// Removes and returns all records of a bucket, in no particular order.
     ///
     /// # Errors
     /// [`Error::Io`] when the spill file cannot be read.
@@ -167,7 +166,7 @@ impl<T: Pod + Send> Shuffle<T> {
 }
 
 impl<T: Pod + Send + Ord> Shuffle<T> {
-    /// Takes every bucket, sorts it, on the run's threads, and hands the records to `each` bucket by bucket in order;
+    /// Takes and sorts every bucket, on the run's threads, and passes the records to `each` bucket by bucket in order;
     /// at most `4 * threads` sorted buckets wait at a time.
     ///
     /// # Errors
@@ -194,7 +193,7 @@ impl<T: Pod + Send> Producer<'_, T> {
     /// Adds a record to a bucket.
     ///
     /// # Errors
-    /// [`Error::Io`] when it has to be spilled and cannot.
+    /// [`Error::Io`] when it has to be spilled and that fails.
     #[inline]
     pub fn push(&mut self, bucket: usize, record: T) -> Result<()> {
         let block = self.shuffle.block;
@@ -210,7 +209,7 @@ impl<T: Pod + Send> Producer<'_, T> {
         Ok(())
     }
 
-    /// Hands over what is staged.
+    /// Flushes the staging blocks.
     ///
     /// # Errors
     /// As [`Producer::push`].
@@ -224,16 +223,16 @@ impl<T: Pod + Send> Producer<'_, T> {
     }
 }
 
-/// The shape of a shuffle.
+/// The dimensions of a shuffle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sizing {
-    /// Buckets.
+    /// Number of buckets.
     pub buckets: usize,
     /// Bytes of a staging block.
     pub block: usize,
     /// Bytes staged by all producers.
     pub staging: u64,
-    /// Bytes of the buckets in consumers' hands.
+    /// Bytes of the buckets that consumers hold.
     pub reading: u64,
     /// Bytes of all records.
     pub bytes: u64,
@@ -241,7 +240,7 @@ pub struct Sizing {
 
 impl Sizing {
     /// For `records` of `size` bytes, `threads` producers, and consumers that hold `copies` times a bucket's bytes in
-    /// all, within `room` bytes where that is possible.
+    /// all; fits `room` bytes where that is possible.
     pub fn new(records: u64, size: usize, copies: u64, threads: usize, room: u64) -> Self {
         let bytes = records.saturating_mul(size as u64);
         let fitting = (room / 2 / copies.max(1)).max(1 << 12);
@@ -261,13 +260,13 @@ impl Sizing {
         }
     }
 
-    /// Bytes needed besides the records that are kept in memory.
+    /// Bytes needed besides the records kept in memory.
     pub fn fixed(&self) -> u64 {
         self.staging + self.reading
     }
 }
 
-/// A shuffle with what it takes from the budget; see [`Sizing`].
+/// A shuffle with its grant from the budget; see [`Sizing`].
 #[derive(Debug)]
 pub struct BudgetedShuffle<T> {
     /// The shuffle.
@@ -276,7 +275,7 @@ pub struct BudgetedShuffle<T> {
 }
 
 impl<T: Pod + Send> BudgetedShuffle<T> {
-    /// A shuffle of `records` records that spills to `path`, within the `part`-th part of what the budget has left.
+    /// A shuffle of `records` records that spills to `path`, within one `part`-th of what the budget has left.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`].
@@ -290,20 +289,20 @@ impl<T: Pod + Send> BudgetedShuffle<T> {
     }
 }
 
-/// Keys from 0 on in buckets of consecutive ones, equally many in each: key k of n is in bucket ⌊k·B/n⌋ of B.
+/// Maps keys below n to B buckets of consecutive keys, equally many in each: key k is in bucket ⌊k·B/n⌋.
 ///
-/// A product with the inverse stands for the division, and gives the same buckets (tested).
+/// Multiplies by a precomputed inverse instead of dividing, with the same result (tested).
 #[derive(Clone, Copy, Debug)]
 pub struct RangeBuckets {
     keys: u64,
     buckets: u64,
-    /// ⌈2⁶⁴ B / n⌉. B < n < 2³², so a key times what this is too large by stays below 2⁶⁴.
+    /// ⌈2⁶⁴ B / n⌉. B < n < 2³², so the rounding error times a key stays below 2⁶⁴.
     inverse: u64,
 }
 
 impl RangeBuckets {
-    /// `keys` keys, 2³² at the most, in `buckets` buckets. Of buckets that are not fewer than keys
-    /// the last ones stay empty.
+    /// For `keys` keys, at most 2³², in `buckets` buckets. If there are at least as many buckets as keys, the last ones
+    /// stay empty.
     pub fn new(keys: usize, buckets: usize) -> Self {
         let keys = keys as u64;
         let buckets = (buckets as u64).min(keys.saturating_sub(1)).max(1);
@@ -311,7 +310,7 @@ impl RangeBuckets {
         Self { keys, buckets, inverse: inverse.min(u128::from(u64::MAX)) as u64 }
     }
 
-    /// The bucket of a key; ascends with the key.
+    /// The bucket of a key; monotonic in the key.
     #[inline]
     pub fn bucket_of(&self, key: u32) -> usize {
         ((u128::from(key) * u128::from(self.inverse)) >> 64) as usize
@@ -324,14 +323,14 @@ impl RangeBuckets {
     }
 }
 
-/// Bounds between buckets, from a sample of keys: buckets of about equal size whatever the keys' distribution.
+/// Bounds between buckets from a sample of keys: buckets of about equal size whatever the distribution of keys.
 #[derive(Clone, Debug)]
 pub struct Splitters<K> {
     bounds: Vec<K>,
 }
 
 impl<K: Ord + Copy> Splitters<K> {
-    /// Sampled keys for each bucket.
+    /// Sampled keys per bucket.
     pub const SAMPLES: usize = 48;
 
     /// Bounds for `buckets` buckets by the quantiles of `sample`.
@@ -341,7 +340,7 @@ impl<K: Ord + Copy> Splitters<K> {
         Self { bounds }
     }
 
-    /// The bucket of a key; ascends with the key.
+    /// The bucket of a key; monotonic in the key.
     #[inline]
     pub fn bucket(&self, key: K) -> usize {
         self.bounds.partition_point(|bound| *bound <= key)

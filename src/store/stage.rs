@@ -1,4 +1,4 @@
-//! Stages: steps of the work whose files are made once and reused while nothing that they depend on has changed.
+//! Stages: steps whose files are made once and reused while nothing that they depend on has changed.
 //!
 //! A stage is a value of a type that implements [`Stage`]: it knows its name, the version of its algorithm, what it
 //! depends on, how to make its files and how to open them. [`Context::stage`] does the rest, in one place for all
@@ -6,14 +6,14 @@
 //!
 //! 1. The *key* is a hash of the stage's name, its version and its inputs, which contain the keys of the stages that it
 //!    builds on. So a changed option, another mesh or a newer algorithm anywhere upstream gives another key.
-//! 2. Where the manifest has that key, and the files have the sizes and checksums that it says, the stage is opened.
-//! 3. Otherwise the manifest forgets the stage, and the progress listener is told why; the stage is made, its files are
-//!    brought to the disk, and the manifest is written last.
+//! 2. If the manifest has that key, and the files match the sizes and checksums recorded there, the stage is opened.
+//! 3. Otherwise the stage is removed from the manifest, and the progress listener is told why; the stage is made, its
+//!    files are synced, and the manifest is written last.
 //!
-//! A run that is killed at any moment thus leaves either a whole stage or none. In a temporary directory nothing waits
-//! for the disk and nothing is hashed.
+//! A run that is killed at any moment thus leaves either a complete stage or none. In a temporary directory nothing is
+//! synced and nothing is hashed.
 //!
-//! Cost: hashing at the speed of memory and one sync a file in a directory that lasts; none in a temporary one.
+//! Cost: hashing at memory speed and one sync per file in a directory that is kept; none in a temporary one.
 
 use super::folder::LOCK;
 use super::json;
@@ -36,12 +36,12 @@ use xxhash_rust::xxh3::xxh3_64;
 pub trait Stage: Sized {
     /// Its name in the manifest; unique among the stages of a work directory.
     const NAME: &'static str;
-    /// The version of its algorithm. Raise it whenever the same inputs would give other bytes: what an older program
-    /// left is then made anew.
+    /// The version of its algorithm. Raise it whenever the same inputs would give other bytes: files of an older
+    /// program are then rebuilt.
     const VERSION: u32;
     /// What the manifest keeps besides the files: counts and sums.
     type Facts: Serialize + DeserializeOwned;
-    /// What later stages get.
+    /// What later stages receive.
     type Output;
 
     /// Everything that the files depend on: options, the seed where it is used, keys of other stages.
@@ -59,19 +59,19 @@ pub trait Stage: Sized {
     /// [`Error::Io`], [`Error::Malformed`], [`Error::WorkDir`] for files that contradict each other.
     fn open(self, facts: Self::Facts, key: &str, context: Context<'_>) -> Result<Self::Output>;
 
-    /// The unit and the number of units that progress is told in; `None` where the stage announces its steps itself.
+    /// The unit and the number of units for progress; `None` if the stage reports its steps itself.
     fn progress(&self) -> Option<(&'static str, u64)> {
         None
     }
 
-    /// Memory and disk that the stage takes for a mesh of size `extent`, in the order in which it takes them from
-    /// `room`; see [`super::needs`].
+    /// Memory and disk that the stage needs for a mesh of size `extent`, taken from `room` in the order of its code;
+    /// see [`super::needs`].
     fn needs(extent: &Extent, room: &mut Room) -> Needs;
 }
 
-/// A stage that was made: what it gives, and what the manifest is to say of it.
+/// A stage just made: its output, and what the manifest records of it.
 pub struct Made<S: Stage> {
-    /// What later stages get.
+    /// What later stages receive.
     pub output: S::Output,
     /// For the manifest.
     pub facts: S::Facts,
@@ -79,32 +79,32 @@ pub struct Made<S: Stage> {
     pub files: Vec<&'static str>,
 }
 
-/// A finished stage as the manifest tells of it, found by its name alone.
+/// A finished stage as recorded in the manifest, found by its name alone.
 #[derive(Clone, Debug)]
 pub struct Kept<F> {
     /// Its facts.
     pub facts: F,
     /// Its key.
     pub key: String,
-    /// What it was made of.
+    /// What it depended on.
     pub inputs: Value,
 }
 
-/// Why a stage has to be made (anew).
+/// Why a stage has to be (re)built.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StageMiss {
-    /// It never was, or was given up.
+    /// It was never made, or its files were deleted.
     NotMade,
     /// Another version of the program made it.
     OtherVersion {
         /// The version of the algorithm that made it.
         found: u32,
-        /// That of this program.
+        /// The version of this program.
         now: u32,
     },
-    /// Its key is another one.
+    /// Its key differs.
     OtherInputs,
-    /// A file or its record is not what it was, in these words.
+    /// A file or its record is damaged; the text gives details.
     Damaged(String),
 }
 
@@ -127,16 +127,16 @@ pub fn key_of(name: &str, version: u32, inputs: &Value) -> String {
     format!("{:016x}", xxh3_64(text.as_bytes()))
 }
 
-/// What a stage makes of the facts that the manifest has.
+/// Parses the facts recorded in the manifest.
 fn facts<T: DeserializeOwned>(kept: Value) -> Result<T, StageMiss> {
     serde_json::from_value(kept).map_err(|error| StageMiss::Damaged(format!("its facts are unreadable: {error}")))
 }
 
 impl Context<'_> {
-    /// The output of `stage`: opened where its files are there under the same key, else made.
+    /// The output of `stage`: opened if its files exist under the same key, else made.
     ///
     /// # Errors
-    /// Those of [`Stage::make`] and [`Stage::open`]; [`Error::Io`] where the manifest cannot be written.
+    /// Those of [`Stage::make`] and [`Stage::open`]; [`Error::Io`] if the manifest cannot be written.
     pub fn stage<S: Stage>(self, stage: S) -> Result<S::Output> {
         let inputs = stage.inputs(self);
         let made_of = StageKey::of::<S>(inputs);
@@ -162,7 +162,7 @@ impl Context<'_> {
     }
 }
 
-/// What identifies a stage that is stamped.
+/// What identifies a stage that is recorded in the manifest.
 #[derive(Clone, Debug)]
 pub struct StageKey {
     /// Its name.
@@ -171,7 +171,7 @@ pub struct StageKey {
     pub version: u32,
     /// The hash of both and of the inputs.
     pub key: String,
-    /// What it was made of.
+    /// What it depends on.
     pub inputs: Value,
 }
 
@@ -188,16 +188,16 @@ impl StageKey {
 }
 
 impl WorkDir {
-    /// The facts of a finished stage, where its key is `key` and its files have the stamped sizes and checksums.
+    /// The facts of a finished stage, if its key is `key` and its files match the recorded sizes and checksums.
     ///
     /// # Errors
-    /// Why the stage has to be made (anew); the manifest forgets the stage then, so
-    /// that a run killed while making it anew leaves no record of files that are no longer those.
+    /// Why the stage has to be (re)built. The stage is then removed from the manifest, so that a run killed while
+    /// rebuilding it leaves no record of files that no longer exist.
     pub fn reuse<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, StageMiss> {
         self.look_up(stage, version, key).and_then(facts).map_err(|reason| self.forget(stage, reason))
     }
 
-    /// Removes `stage` from the manifest for `reason`, which it returns, or says why it cannot.
+    /// Removes `stage` from the manifest and returns `reason`, or the reason why that failed.
     fn forget(&self, stage: &str, reason: StageMiss) -> StageMiss {
         let mut manifest = self.manifest_lock();
         if self.shared || manifest.stages.remove(stage).is_none() {
@@ -206,8 +206,8 @@ impl WorkDir {
         self.save(&mut manifest).map_or_else(|error| StageMiss::Damaged(error.to_string()), |()| reason)
     }
 
-    /// Removes the stage `name` from the manifest, since its files are about to be written anew; what it said of it.
-    /// [`Context::stage`] does it for all stages that one process makes as a whole.
+    /// Removes the stage `name` from the manifest, since its files are about to be rewritten; returns its record.
+    /// [`Context::stage`] does this for all stages that a single process makes as a whole.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -220,22 +220,22 @@ impl WorkDir {
         Ok(record)
     }
 
-    /// Whether the stage `name` is finished here with the key `key`, of whatever version.
+    /// Whether the stage `name` is finished here with the key `key`, whatever its version.
     pub fn has_stage(&self, name: &str, key: &str) -> bool {
         let kept = self.manifest().stages.remove(name);
         kept.is_some_and(|kept| self.reuse::<Value>(name, kept.version, key).is_ok())
     }
 
-    /// The finished stage `S` of this directory, whatever it was made of, or an error that says how to make it.
+    /// The finished stage `S` of this directory, whatever its inputs, or an error that explains how to make it.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where there is none, or its files are gone or damaged, or an older program made it.
+    /// [`Error::WorkDir`] if there is none, if its files are missing or damaged, or if an older program made it.
     pub fn kept<S: Stage>(&self, remedy: &str) -> Result<Kept<S::Facts>> {
         self.recorded(S::NAME, S::VERSION, remedy)
     }
 
-    /// [`WorkDir::kept`] of a stage by its name. Nothing is forgotten: a file that cannot be read now may be there
-    /// later, and who only reads cannot make it anew.
+    /// [`WorkDir::kept`] for a stage given by name. The manifest stays unchanged: a file that cannot be read now may be
+    /// there later, and a reader cannot rebuild it.
     ///
     /// # Errors
     /// As [`WorkDir::kept`].
@@ -249,13 +249,13 @@ impl WorkDir {
         Ok(Kept { facts, key: stage.key, inputs: stage.inputs })
     }
 
-    /// What the manifest tells of the stage `S`, whether its files are whole or not.
+    /// The recorded facts of the stage `S`, whether its files are intact or not.
     pub fn told<S: Stage>(&self) -> Option<S::Facts> {
         let record = self.manifest().stages.remove(S::NAME).filter(|record| record.version == S::VERSION)?;
         serde_json::from_value(record.facts).ok()
     }
 
-    /// The facts of a finished stage as the manifest has them.
+    /// The facts of a finished stage as stored in the manifest.
     fn look_up(&self, stage: &str, version: u32, key: &str) -> Result<Value, StageMiss> {
         let manifest = self.manifest_lock();
         let record = manifest.stages.get(stage).ok_or(StageMiss::NotMade)?;
@@ -265,7 +265,8 @@ impl WorkDir {
         if record.key != key {
             return Err(StageMiss::OtherInputs);
         }
-        // Side by side: reading is what another number of parts waits for most. In a temporary directory none is read.
+        // In parallel: reading for the checksums is what takes longest when only the number of parts changes. None in a
+        // temporary directory.
         let files: Vec<_> = record.files.iter().collect();
         let threads = if self.is_temporary() { 1 } else { files.len() };
         let check = |k: usize, (): &mut ()| Ok(self.harm(files[k].0, files[k].1));
@@ -277,8 +278,8 @@ impl WorkDir {
         Ok(record.facts.clone())
     }
 
-    /// What is wrong with a file, if it has no longer the bytes that were stamped: one sequential read, far cheaper
-    /// than a wrong label.
+    /// What is wrong with a file, if its bytes no longer match its checksum: one sequential read, far cheaper than a
+    /// wrong label.
     pub(crate) fn harm(&self, name: &str, file: &FileRecord) -> Option<String> {
         if self.bytes_in_memory(name) == Some(file.bytes) {
             return None;
@@ -299,7 +300,7 @@ impl WorkDir {
         }
     }
 
-    /// Stamps a stage as finished. [`Context::stage`] does it for all stages that one process makes as a whole.
+    /// Records a stage as finished. [`Context::stage`] does this for all stages that a single process makes as a whole.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -308,9 +309,9 @@ impl WorkDir {
         self.record(stage, files, facts, seconds)
     }
 
-    /// [`WorkDir::stamp`] with facts as the manifest has them.
+    /// [`WorkDir::stamp`] with facts already in JSON.
     fn record(&self, stage: StageKey, files: &[&str], facts: Value, seconds: f64) -> Result<()> {
-        // Side by side, since each waits for the disk; in a temporary directory there is nothing to wait for.
+        // In parallel, since each waits for the disk; a temporary directory does not wait.
         let threads = if self.is_temporary() { 1 } else { files.len() };
         let seal = |k: usize, (): &mut ()| Ok((files[k].to_string(), self.sealed(files[k])?));
         let files = map_of(map_chunks(threads, &Cancel::default(), files.len(), || (), seal)?);
@@ -321,7 +322,7 @@ impl WorkDir {
         self.save(&mut manifest)
     }
 
-    /// The record of the finished file `name`, which is on the disk before the manifest says so.
+    /// The record of the finished file `name`, synced before it enters the manifest.
     pub(crate) fn sealed(&self, name: &str) -> Result<FileRecord> {
         if let Some(bytes) = self.bytes_in_memory(name) {
             return Ok(FileRecord { bytes, xxh3: String::new() });
@@ -335,16 +336,17 @@ impl WorkDir {
         Ok(FileRecord { bytes, xxh3: checksum(&path)? })
     }
 
-    /// Removes all stages with their files, here and in the directories within: the work on another mesh,
-    /// which nothing will read.
+    /// Removes all stages with their files, here and in nested directories: they belong to another mesh, and nothing
+    /// will read them.
     ///
     /// # Errors
-    /// [`Error::Io`], [`Error::WorkDir`] where a directory within is in use.
+    /// [`Error::Io`], [`Error::WorkDir`] if a nested directory is in use.
     pub fn clear(&self) -> Result<()> {
         for (name, inner) in self.all_inner()? {
             inner.clear()?;
             drop(inner);
-            // Where files of no stage are left, it stays a work directory: a folder that is none is nobody's to use.
+            // If files of no stage are left, it stays a work directory: without a manifest, the program would refuse to
+            // use the folder.
             let left = std::fs::read_dir(self.file(&name)).map_err(Error::io(self.file(&name), "list"))?.flatten();
             if left.map(|entry| entry.file_name()).all(|file| file == MANIFEST || file == LOCK) {
                 [MANIFEST, LOCK].iter().for_each(|file| self.remove(&format!("{name}/{file}")));
@@ -358,9 +360,9 @@ impl WorkDir {
         Ok(())
     }
 
-    /// Gives up files of the finished stage `stage` that nothing will read again, in a temporary directory: its disk
-    /// can hold a larger mesh then, and the page cache more of the rest. Should the stage be asked for after all, it is
-    /// made anew. Elsewhere they stay, for the next run.
+    /// Deletes files of the finished stage `stage` that nothing will read again, in a temporary directory: this leaves
+    /// more disk for a larger mesh, and more page cache for the rest. Should the stage be needed after all, it is
+    /// rebuilt. Elsewhere the files are kept for the next run.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -375,7 +377,7 @@ impl WorkDir {
         Ok(())
     }
 
-    /// Brings the manifest to the disk, where it will outlast this process.
+    /// Writes and syncs the manifest, unless the directory is temporary.
     fn save(&self, manifest: &mut Manifest) -> Result<()> {
         if self.is_temporary() {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Whether the files of a work directory are what was written: every byte against its checksum.
+//! Checks whether the files of a work directory are intact: every byte against its checksum.
 //!
 //! Cost: one pass over all files, at the speed of the disk.
 
@@ -12,20 +12,20 @@ use serde::Serialize;
 pub struct Checked {
     /// Its stage.
     pub stage: String,
-    /// Its name in the work directory, after that of a folder where it lies in one: `contracted/cells.npy`.
+    /// Its name in the work directory, with the folder if it lies in one: `contracted/cells.npy`.
     pub file: String,
-    /// Its size in bytes, by the manifest.
+    /// Its size in bytes according to the manifest.
     pub bytes: u64,
     /// What is wrong with it, if anything.
     pub problem: Option<String>,
 }
 
-/// Checks every file of every stage in the manifest of `work`, in the manifest's order, then those of
-/// work directories inside it.
+/// Checks every file of every stage in the manifest of `work`, in the manifest's order, then those of nested work
+/// directories.
 ///
 /// # Errors
-/// [`crate::base::Error::Cancelled`], and those of opening a work directory inside; a file that cannot be read
-/// is a problem of that file.
+/// [`crate::base::Error::Cancelled`], and those of opening a nested work directory; a file that cannot be read is
+/// reported as a problem of that file.
 pub fn verify(context: Context<'_>) -> Result<Vec<Checked>> {
     let mut all = stages(context)?;
     for (folder, inner) in context.work.all_inner()? {

@@ -1,18 +1,17 @@
-//! The work directory: the arrays of a run, and a manifest that says what they are.
+//! The work directory: the arrays of a run, and a manifest that describes them.
 //!
-//! Ownership rules. A stage owns the arrays it stamps; it writes them under temporary names,
-//! renames them when whole, and stamps the manifest last. A stage whose *key* (a hash of its options
-//! and of the keys it builds on) equals the stamped one is reused; any other key makes it
-//! anew, and so is everything downstream, since those keys contain this one. The directory is
-//! locked by an advisory lock that dies with its process, so a stale lock cannot exist. Where the file system has no
-//! locks ([`WorkDir::is_locked`]), whoever starts the processes has to keep them apart.
+//! A stage owns the arrays that it records; it writes them under temporary names, renames them when complete, and
+//! records them in the manifest last. A stage whose *key* (a hash of its options and of the keys it builds on) equals
+//! the recorded one is reused. With another key it is rebuilt, as is everything downstream, since those keys contain
+//! this one. The directory is locked by an advisory lock that ends with its process, so a stale lock cannot exist.
+//! Where the file system has no locks ([`WorkDir::is_locked`]), whoever starts the processes must keep them apart.
 //!
-//! A temporary directory is removed when dropped; one that a killed run left behind is removed by
-//! the next run that makes one beside it.
+//! A temporary directory is removed when dropped; that of a killed run is removed by the next run that creates one in
+//! the same parent.
 //!
-//! Memory: the manifest, some hundred bytes per file, and the arrays that are held, which count in the
-//! budget ([`super::in_memory`]). Opening reads the manifest and lists the folder; a stage's files are
-//! read when they are reused.
+//! Memory: the manifest, some hundred bytes per file, and the arrays kept in memory, which count against the budget
+//! ([`super::in_memory`]). Opening reads the manifest and lists the folder; a stage's files are read when they are
+//! reused.
 
 use super::budget::Budget;
 use super::folder::{LOCK, Lock, WorkFolder, lock};
@@ -34,9 +33,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// What the names of half-filled rows begin with, of one process and of shards. They stay: their journal
-/// knows which of them are whole. What makes them is a layer above, but only who opens a directory can tell
-/// what a killed run left in it.
+/// Prefixes of half-filled row files, of one process and of shards. They are kept: their journal records which rows are
+/// complete. A higher layer writes them, but leftovers of a killed run can only be recognised when the directory is
+/// opened.
 const HALF_FILLED_ROWS: [&str; 2] = ["distances.npy.partial", "rows-"];
 
 /// An open, locked work directory.
@@ -45,21 +44,21 @@ pub struct WorkDir {
     folder: Arc<WorkFolder>,
     manifest: Mutex<Manifest>,
     temporary: bool,
-    /// Whether it lies in another, which it is removed with.
+    /// Whether it is nested in another one and removed with it.
     inside: bool,
-    /// Whether other processes may read it too; nothing is stamped then.
+    /// Whether other processes may read it too; no stage is recorded then.
     pub(super) shared: bool,
     /// Arrays in memory instead of in files.
     arrays: Option<Arc<InMemoryArrays>>,
-    /// The directories inside a temporary one, by their names: what they hold in memory lasts as long as this one.
+    /// The directories nested in a temporary one, by name: their arrays in memory live as long as this one.
     inside_of_it: Mutex<BTreeMap<String, Arc<WorkDir>>>,
-    /// Whether arrays that are passed over in order are held in memory too, as files serve as well for them.
+    /// Whether arrays that are only read sequentially are kept in memory too, although files serve as well for them.
     everything: bool,
-    /// What the run saw of its input before it read it; null where that is nothing.
+    /// The input's identity, taken before it was read; null if there is none.
     pub(crate) input: Mutex<Value>,
 }
 
-/// Removes files of a work directory when dropped: arrays that live no longer than the work that needs them.
+/// Removes files of a work directory when dropped: arrays that are needed only during one computation.
 #[derive(Debug)]
 #[must_use]
 pub struct Scratch<'a> {
@@ -84,12 +83,11 @@ impl WorkDir {
             .ok_or_else(|| Error::work_dir(path, "is in use by another run", "wait for it, or name another folder"))
     }
 
-    /// The same, `None` where another process is in the way. `shared`: beside other processes that open it so too;
-    /// nothing is made or stamped then, files may be added under names of one's own only, and `None` is also the answer
-    /// where there is no folder.
+    /// The same, but `None` if another process has locked it. `shared`: beside other processes that open it shared;
+    /// nothing is created or recorded then, except files under unique names, and a missing folder also gives `None`.
     ///
     /// # Errors
-    /// As [`WorkDir::open`], but for directories in use.
+    /// As [`WorkDir::open`], except for directories in use.
     pub fn try_open(path: &Path, shared: bool) -> Result<Option<Self>> {
         if !shared {
             std::fs::create_dir_all(path).map_err(Error::io(path, "create"))?;
@@ -97,7 +95,8 @@ impl WorkDir {
             return Ok(None);
         }
         let manifest_path = path.join(MANIFEST);
-        // Looked into first: another process that begins here right now leaves its lock before anything else.
+        // Listed before checking for a lock: another process that starts here right now creates its lock before
+        // anything else.
         let occupied = std::fs::read_dir(path).map_err(Error::io(path, "list"))?.next().is_some();
         if occupied && !manifest_path.exists() && !path.join(LOCK).exists() {
             return Err(Error::work_dir(
@@ -152,7 +151,7 @@ impl WorkDir {
         }
     }
 
-    /// Removes temporary files that a killed run left.
+    /// Removes temporary files of killed runs.
     fn sweep(&self) {
         let Ok(entries) = std::fs::read_dir(self.path()) else { return };
         for entry in entries.flatten() {
@@ -164,8 +163,7 @@ impl WorkDir {
         }
     }
 
-    /// A temporary work directory inside `parent`, removed when dropped. Also removes those
-    /// that killed runs left there.
+    /// A temporary work directory inside `parent`, removed when dropped. Also removes those of killed runs there.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -175,23 +173,23 @@ impl WorkDir {
         Ok(work)
     }
 
-    /// A temporary work directory that holds all arrays in memory as long as half of `budget` stays free; its folder,
-    /// in `parent`, is made with the first file that does not fit, and removed when dropped.
+    /// A temporary work directory that keeps all arrays in memory as long as half of `budget` stays free; its folder,
+    /// in `parent`, is created with the first file that does not fit, and removed when dropped.
     pub fn in_memory(parent: &Path, budget: &Budget) -> Self {
         let mut work = Self::of(WorkFolder::put_off(parent), Manifest::new());
         (work.temporary, work.everything) = (true, true);
         work.holding(budget)
     }
 
-    /// The same, but a temporary directory holds arrays in memory where they leave half of `budget` to others.
+    /// The same directory; if temporary, it keeps arrays in memory as long as half of `budget` stays free.
     #[must_use]
     pub fn holding(mut self, budget: &Budget) -> Self {
         self.arrays = self.temporary.then(|| Arc::new(InMemoryArrays::new(budget, self.folder.clone())));
         self
     }
 
-    /// A work directory in the folder `name` of this one, which lasts as long. It holds arrays in
-    /// memory where this one does.
+    /// A work directory in the folder `name` of this one, with the same lifetime. It keeps arrays in memory if this one
+    /// does.
     ///
     /// # Errors
     /// As [`WorkDir::open`].
@@ -211,7 +209,7 @@ impl WorkDir {
         Ok(inner)
     }
 
-    /// The work directories in folders of this one, by name: those that have a manifest.
+    /// The nested work directories, by name: those that have a manifest.
     ///
     /// # Errors
     /// As [`WorkDir::inner`].
@@ -223,22 +221,22 @@ impl WorkDir {
         Ok(map_of(inner))
     }
 
-    /// Its folder; made now where that was put off.
+    /// Its folder; created now if that was deferred.
     pub fn path(&self) -> &Path {
         self.folder.path()
     }
 
-    /// Whether it will be removed when dropped, or with the one it lies in.
+    /// Whether it will be removed when dropped, or with its parent directory.
     pub fn is_temporary(&self) -> bool {
         self.temporary
     }
 
-    /// Whether other processes are kept out. Not so where the file system has no locks.
+    /// Whether a lock keeps other processes out. False where the file system has no locks.
     pub fn is_locked(&self) -> bool {
         self.folder.is_locked()
     }
 
-    /// Whether files must reach the disk before they are stamped.
+    /// Whether files must be synced before they are recorded.
     pub fn durable(&self) -> bool {
         !self.temporary
     }
@@ -248,29 +246,29 @@ impl WorkDir {
         self.path().join(name)
     }
 
-    /// The path of a file that is to be made in it.
+    /// The path of a new file in it.
     ///
     /// # Errors
-    /// [`Error::Io`] where its folder could not be made.
+    /// [`Error::Io`] if its folder could not be created.
     pub(super) fn new_file(&self, name: &str) -> Result<PathBuf> {
-        // A held array of that name would be found instead of the file.
+        // An array of that name in memory would shadow the file.
         if let Some(arrays) = &self.arrays {
             arrays.remove(name);
         }
         Ok(self.folder.for_new()?.join(name))
     }
 
-    /// The path that a file has, or would have where the folder is not made yet.
+    /// The path that a file has, or would have if the folder does not exist yet.
     pub(crate) fn place(&self, name: &str) -> PathBuf {
         self.folder.place().join(name)
     }
 
-    /// Has the files `names` removed when what is returned goes out of scope.
+    /// Returns a guard that removes the files `names` when it is dropped.
     pub fn scratch<'a>(&'a self, names: &'a [&'a str]) -> Scratch<'a> {
         Scratch { work: self, names }
     }
 
-    /// Starts an array of known shape. Where it lasts it is on its way to the disk when it is finished: stamping
+    /// Starts an array of known shape. In a directory that is kept, finishing starts to write it to the disk; recording
     /// its stage waits for that.
     ///
     /// # Errors
@@ -282,20 +280,20 @@ impl WorkDir {
         }
     }
 
-    /// The same if it is held in memory; `None` if it would be a file.
+    /// The same if it fits in memory; `None` if it would be a file.
     pub fn array_in_memory<T: Item>(&self, name: &str, shape: &[usize]) -> Option<ArrayMut<T>> {
         let bytes = shape.iter().product::<usize>() / T::WIDTH * size_of::<T>();
         let (buffer, arrays) = self.room(bytes)?;
         Some(ArrayMut::in_memory(&self.place(name), shape, buffer, arrays))
     }
 
-    /// Memory for an array of `bytes`, where arrays are held and there is room.
+    /// Memory for an array of `bytes`, if arrays are kept in memory and there is room.
     fn room(&self, bytes: usize) -> Option<(AlignedBuffer, Arc<InMemoryArrays>)> {
         let arrays = self.arrays.as_ref()?;
         (bytes > 0).then(|| arrays.take(bytes)).flatten().map(|buffer| (buffer, arrays.clone()))
     }
 
-    /// Starts an array written front to back of at most `items` items.
+    /// Starts an array of at most `items` items, written front to back.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -331,7 +329,7 @@ impl WorkDir {
         }
     }
 
-    /// Writes a whole array: into memory, where arrays are held and there is room.
+    /// Writes a whole array: to memory, if arrays are kept there and there is room.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -353,7 +351,7 @@ impl WorkDir {
         }
     }
 
-    /// The bytes behind a finished array, and which of them is its first: for records that are no items.
+    /// The bytes of a finished array and the offset of its data: for records that are not an [`Item`].
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -364,10 +362,10 @@ impl WorkDir {
         }
     }
 
-    /// Writes `value` as JSON: into memory, where arrays are held and there is room, else as a file, by rename.
+    /// Writes `value` as JSON: to memory, if arrays are kept there and there is room, else to a file, by rename.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Unusable`] for a value that JSON cannot tell.
+    /// [`Error::Io`]; [`Error::Unusable`] for a value that JSON cannot represent.
     pub fn write_json(&self, name: &str, value: &impl Serialize) -> Result<()> {
         let text = json::text(&self.place(name), value)?;
         if let Some((mut buffer, arrays)) = self.room(text.len()) {
@@ -380,7 +378,7 @@ impl WorkDir {
         json::replace(&self.new_file(name)?, &text, self.durable())
     }
 
-    /// Whether there is a file or an array in memory of the name `name`.
+    /// Whether there is a file or an array in memory named `name`.
     pub fn holds(&self, name: &str) -> bool {
         self.bytes_in_memory(name).is_some() || self.place(name).exists()
     }
@@ -406,12 +404,12 @@ impl WorkDir {
             .map_err(|error| Error::work_dir(self.place(name), error.to_string(), "delete the work directory"))
     }
 
-    /// Bytes of the array `name` where it is held in memory.
+    /// Size in bytes of the array `name` if it is in memory.
     pub(super) fn bytes_in_memory(&self, name: &str) -> Option<u64> {
         Some(self.arrays.as_ref()?.get(name)?.1 as u64)
     }
 
-    /// Removes a file that is no longer needed; whether it was there does not matter.
+    /// Removes a file that is no longer needed; a missing file is fine.
     pub fn remove(&self, name: &str) {
         if let Some(arrays) = &self.arrays {
             arrays.remove(name);
@@ -430,14 +428,14 @@ impl WorkDir {
         self.manifest_lock().clone()
     }
 
-    /// Bytes of all files in it now.
+    /// Total size in bytes of all files in it now.
     pub fn bytes(&self) -> u64 {
         let Some(Ok(entries)) = self.folder.made().map(std::fs::read_dir) else { return 0 };
         entries.flatten().filter_map(|entry| entry.metadata().ok()).map(|metadata| metadata.len()).sum()
     }
 }
 
-/// Whether `name` can be that of a stage's file: in this folder, and not what the folder is managed by.
+/// Whether `name` can be a stage's file: in this folder, and not the manifest or the lock.
 fn is_own(name: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
     !name.is_empty() && name.chars().all(plain) && !name.starts_with('.') && name != MANIFEST && name != LOCK
@@ -470,7 +468,7 @@ mod tests {
             npy::write(&work.file("x.npy"), &[1u32, 2], 1, true).unwrap();
             work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
         }
-        // Who only looks makes nothing: a copy of a directory need not have a lock, or may be written by others only.
+        // A reader creates nothing: a copy of a directory need not have a lock, or may be read-only.
         std::fs::remove_file(path.join(LOCK)).unwrap();
         {
             let looks = [WorkDir::open_existing(&path).unwrap(), WorkDir::open_existing(&path).unwrap()];
@@ -488,7 +486,7 @@ mod tests {
             std::fs::write(work.file("x.npy"), bytes).unwrap();
             let Err(StageMiss::Damaged(problem)) = work.reuse::<i32>("s", 1, &key) else { panic!("{reason}") };
             assert!(problem.contains(reason), "{problem}");
-            // A stage that has to be made anew is forgotten at once.
+            // A stage that has to be rebuilt is removed from the manifest at once.
             std::fs::write(work.file("x.npy"), &whole).unwrap();
             assert_eq!(work.reuse::<i32>("s", 1, &key), Err(StageMiss::NotMade));
             work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
@@ -524,7 +522,7 @@ mod tests {
         let names = ["cells.tmp", "x.npy.partial", "distances.npy.partial", "rows-1-of-2.npy.partial", "x.npy"];
         let there = || names.map(|name| path.join(name).exists());
         names[..4].iter().for_each(|name| std::fs::write(path.join(name), []).unwrap());
-        // Who only looks removes nothing.
+        // A reader removes nothing.
         drop(WorkDir::open_existing(&path).unwrap());
         assert_eq!(there(), [true; 5]);
         drop(WorkDir::open(&path).unwrap());
