@@ -45,7 +45,7 @@
 //! | [`Segmenter`] → [`Segmentation`] | Which parts does it have? |
 //! | [`Hierarchy`] | And in any other number of parts? |
 //! | [`Sequencer`] → [`Sequence`] | In which order does it stream best? |
-//! | `Matcher` → `Correspondence` | Which vertex of one mesh corresponds to which of another? (feature `correspondence`) |
+//! | `Matcher` → `Correspondence` | Which vertices of two meshes correspond? (feature `correspondence`) |
 //! | [`SamplingQuality`] → [`SampleRecord`] | How well do l landmarks represent it (Γ, eq. 6)? |
 //! | [`evaluate()`] → [`Scores`] | How far are labels from those of people? |
 //! | [`LabelTransfer`] → [`Transferred`] | Which labels does another version of it get? |

@@ -1,13 +1,12 @@
-//! The box around a mesh: that of the vertices that faces use.
+//! The bounding box of a mesh: that of the vertices that faces use.
 //!
-//! Range grids and crops keep vertices that no face uses, often at the origin, far from a mesh in the coordinates of a
-//! survey. In a box that holds these the mesh is a speck, which single precision no longer resolves. But nearly all
-//! meshes have none, and a look at every corner would take as long as reading the mesh. So the box of all vertices is
-//! taken where faces use the vertices that it touches.
+//! Range grids and crops keep vertices that no face uses, often at the origin, far from a mesh in survey coordinates.
+//! In a box around these the mesh is a speck, which single precision no longer resolves. But nearly all meshes have no
+//! unused vertices, and a pass over every corner would take as long as reading the mesh. So the box of all vertices is
+//! taken if faces use the vertices that it touches.
 //!
-//! Cost: a look at every position, about 1 ns each, and at some faces near each of six vertices; at all corners'
-//! numbers where they are not found there, less than 1 ns each, and at all corners' positions where they are of no
-//! face.
+//! Cost: about 1 ns per position, plus a few faces near each of six vertices. If these are not found there, a pass over
+//! all corner indices, less than 1 ns each; if no face uses one of them, a pass over all corner positions.
 
 use super::geometry::Mesh;
 use crate::base::Result;
@@ -17,23 +16,23 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 const CHUNK: usize = 1 << 16;
-/// Faces before and after the place where a vertex is expected, by its number, that are looked at first.
+/// Faces searched first on either side of where a vertex is expected to be used, judging by its number.
 const NEAR: usize = 1 << 11;
 
 /// Least and greatest corner of a box.
 pub type BoundingBox = [[f64; 3]; 2];
 
-/// The box of nothing: infinite, and the least above the greatest.
+/// The empty box: infinite, with the least corner above the greatest.
 pub(crate) const EMPTY: BoundingBox = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
 
-/// Makes a box hold the points `p` and `q`, of which `q` is nowhere below `p`.
+/// Grows a box to contain the points `p` and `q`; no coordinate of `q` is less than that of `p`.
 pub(crate) fn grow([low, high]: &mut BoundingBox, p: [f64; 3], q: [f64; 3]) {
     for axis in 0..3 {
         (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(q[axis]));
     }
 }
 
-/// The box of what any of several holds.
+/// The smallest box around several boxes.
 pub(crate) fn around(extents: impl IntoIterator<Item = BoundingBox>) -> BoundingBox {
     extents.into_iter().fold(EMPTY, |mut all, [low, high]| {
         grow(&mut all, low, high);
@@ -42,8 +41,8 @@ pub(crate) fn around(extents: impl IntoIterator<Item = BoundingBox>) -> Bounding
 }
 
 impl Mesh {
-    /// Least and greatest corner of the box around the vertices that faces use and that have a position; infinite, and
-    /// the least above the greatest, where there are none.
+    /// The bounding box of the vertices that faces use and that have a position, as least and greatest corner.
+    /// Infinite, with the least above the greatest, if there are none.
     ///
     /// ```
     /// use nystrom_stream::{mesh::Mesh, store::Run};
@@ -93,11 +92,11 @@ impl Mesh {
         Ok(around(run.map_ranges(self.faces.len(), CHUNK, of_faces)?))
     }
 
-    /// Whether faces use all of `vertices`.
+    /// Whether every one of `vertices` is used by some face.
     fn uses(&self, vertices: &[u32], run: &Run) -> Result<bool> {
         let n = self.faces.len();
         let used: Vec<AtomicBool> = vertices.iter().map(|_| AtomicBool::new(false)).collect();
-        // Nearly every corner is turned down by a look at a small table.
+        // A small table rejects nearly every corner.
         let mut table = [0u64; 64];
         let bit = |v: u32| ((v >> 6 & 63) as usize, 1u64 << (v & 63));
         vertices.iter().for_each(|&v| table[bit(v).0] |= bit(v).1);

@@ -1,9 +1,9 @@
 //! The mesh as the layers above see it: positions and faces over mapped bytes or arrays in memory.
 //!
-//! Two layouts serve every file and every array. A binary little-endian PLY of triangles is read where it lies
-//! (records at a fixed stride); anything else is decoded once into plain arrays of the work
-//! directory, which are records at a fixed stride too, or, for polygons, corner lists. Arrays of a caller are viewed as
-//! they are. Nothing is allocated per face; a face costs 13 bytes of mapped file read, a position 12 or more.
+//! Two layouts serve every file and every array. A binary little-endian PLY of triangles is read in place (records at a
+//! fixed stride). Anything else is decoded once into plain arrays of the work directory, which are records at a fixed
+//! stride too, or corner lists for polygons. Arrays of a caller are used in place. Nothing is allocated per face; a
+//! face reads 13 bytes of mapped file, a position 12 or more.
 
 use super::ply::document::Document;
 use super::polygon;
@@ -20,7 +20,7 @@ use xxhash_rust::xxh3::Xxh3;
 /// The faces: vertex indices per face. Indices may be out of range; see [`Mesh::new`].
 #[derive(Clone, Debug)]
 pub enum Faces {
-    /// Triangles at a fixed stride: three little-endian 4-byte indices a record.
+    /// Triangles at a fixed stride: three little-endian 4-byte indices per record.
     Triangles {
         /// The mapped bytes.
         bytes: MappedBytes,
@@ -40,7 +40,8 @@ pub enum Faces {
     },
 }
 
-/// The corners of the triangle at `start`. Apart from the passes over faces, which are compiled for each visitor.
+/// The corners of the triangle at `start`. A separate function, since the passes over faces are compiled for each
+/// visitor.
 #[inline]
 fn triangle(bytes: &[u8], start: usize) -> [u32; 3] {
     let record = &bytes[start..start + 12];
@@ -80,7 +81,7 @@ impl Faces {
         }
     }
 
-    /// Triangles that all faces are cut into; a face of fewer than three corners gives none.
+    /// The number of triangles in a triangulation of all faces; a face of fewer than three corners has none.
     pub fn triangle_count(&self) -> u64 {
         match self {
             Self::Triangles { len, .. } => *len as u64,
@@ -97,8 +98,8 @@ impl Faces {
         }
     }
 
-    /// The face that corner number `corner` belongs to. Constant for triangles and where all
-    /// faces have equally many corners, else a search from a good guess.
+    /// The face that corner number `corner` belongs to. Constant time for triangles and where all faces have the same
+    /// number of corners, else a search from a good guess.
     #[inline]
     pub fn face_of_corner(&self, corner: usize) -> usize {
         match self {
@@ -129,10 +130,10 @@ impl Faces {
         });
     }
 
-    /// The same until `visit` fails.
+    /// The same, but stops when `visit` fails.
     ///
     /// # Errors
-    /// The first of `visit`.
+    /// The first error of `visit`.
     #[inline]
     pub fn try_for_each<E>(
         &self,
@@ -173,27 +174,27 @@ pub struct Mesh {
     /// Faces, in the order of the file or of the array.
     pub faces: Faces,
     source: Arc<Source>,
-    /// Vertices that do not lie where the file or the array has them.
+    /// Number of vertices that were moved away from their position in the file or array.
     strays: usize,
-    /// The folder that decoded arrays lie in, where nobody else keeps it. Dropped last.
+    /// The folder of decoded arrays, if nobody else keeps it. Dropped last.
     pub(super) _scratch: Option<Arc<PrivateFolder>>,
 }
 
-/// Where a mesh comes from.
+/// Origin of a mesh.
 #[derive(Debug)]
 struct Source {
-    /// The path as the user gave it, or what stands for it in messages.
+    /// The path as the user gave it, or a stand-in for messages.
     path: PathBuf,
     document: Option<Document>,
     notes: Vec<String>,
 }
 
-/// What an error calls a mesh that comes from arrays.
+/// The name of a mesh from arrays in error messages.
 const ARRAYS: &str = "<arrays>";
 
 impl Mesh {
-    /// Puts positions and faces together; `path` names the mesh in messages. The caller has checked every index (the
-    /// readers do, while decoding); [`Positions::get`] answers NaN to a wrong one all the same.
+    /// Combines positions and faces; `path` names the mesh in messages. The caller has checked every index (the readers
+    /// do so while decoding); [`Positions::get`] returns NaN for an index out of range nevertheless.
     pub fn new(path: impl Into<PathBuf>, positions: Positions, faces: Faces) -> Self {
         Self::with_source(positions, faces, path.into(), None, Vec::new())
     }
@@ -208,14 +209,14 @@ impl Mesh {
         Self { positions, faces, source: Arc::new(Source { path, document, notes }), strays: 0, _scratch: None }
     }
 
-    /// The same mesh with `repairs`, ascending by vertex, in the place of the positions of strays.
+    /// The same mesh with the positions of strays replaced by `repairs`, ascending by vertex.
     pub(super) fn repaired(mut self, repairs: Vec<(u32, [f64; 3])>) -> Self {
         self.strays = repairs.len();
         self.positions.repair(repairs);
         self
     }
 
-    /// The same mesh in another order: `positions` and `faces` are its own, sorted.
+    /// The same mesh in another order: `positions` and `faces` are its own, permuted.
     pub fn with_arrays(&self, positions: Positions, faces: Faces) -> Self {
         Self { strays: self.strays, ..Self::new(self.path(), positions, faces) }
     }
@@ -228,7 +229,7 @@ impl Mesh {
         Ok(self.with_arrays(positions, self.faces.clone()))
     }
 
-    /// Number of vertices that [`Mesh::without_strays`] moved; 0 of a mesh as it was opened.
+    /// Number of vertices that [`Mesh::without_strays`] moved; 0 for a mesh as opened.
     pub fn strays(&self) -> usize {
         self.strays
     }
@@ -238,12 +239,12 @@ impl Mesh {
         &self.source.path
     }
 
-    /// The file that the mesh was read from, for outputs that keep what they do not change; none without a file.
+    /// The file that the mesh was read from, for outputs that preserve what they do not change; `None` without a file.
     pub fn document(&self) -> Option<&Document> {
         self.source.document.as_ref()
     }
 
-    /// Oddities of the file worth one line each: trailing bytes, expanded strips.
+    /// Oddities of the file, one line each: trailing bytes, expanded strips.
     pub fn notes(&self) -> &[String] {
         &self.source.notes
     }
@@ -256,7 +257,7 @@ impl Mesh {
         self.file()?.face_property(name, run)
     }
 
-    /// The same in an array of the work directory of `context`, which is removed with its last reader.
+    /// The same as an array of the work directory of `context`, which is removed with its last reader.
     ///
     /// # Errors
     /// As [`Mesh::face_property`]; [`Error::Io`].
@@ -366,7 +367,8 @@ impl Mesh {
         Ok(Self::new(path, positions, faces))
     }
 
-    /// A hash of all positions and faces: equal for equal meshes, whatever holds them. One pass, about 10 ns per face.
+    /// A hash of all positions and faces: equal for equal meshes, whatever their storage. One pass, about 10 ns per
+    /// face.
     pub fn content_hash(&self) -> u64 {
         const BLOCK: usize = 1 << 14;
         let mut hash = Xxh3::new();
@@ -391,8 +393,8 @@ impl Mesh {
         hash.digest()
     }
 
-    /// Calls `visit(corners, positions)` for the [triangles](polygon::triangles) of a face's `corners`; those without a
-    /// place in space are left out.
+    /// Calls `visit(corners, positions)` for the [triangles](polygon::triangles) of a face's `corners`; triangles with
+    /// a non-finite position are skipped.
     #[inline]
     pub fn triangles(&self, corners: &[u32], mut visit: impl FnMut([u32; 3], [[f64; 3]; 3])) {
         let at = |k: usize| self.positions.get(corners[k]);
@@ -426,19 +428,20 @@ mod sealed {
     }
 }
 
-/// What coordinates may be: `f32` or `f64`.
+/// Coordinate types: `f32` or `f64`.
 pub trait Coordinate: sealed::Sealed {}
 
 impl Coordinate for f32 {}
 impl Coordinate for f64 {}
 
-/// Faces at most: nodes have 31 bits beside the one that tells windings apart, and one number is none.
+/// Maximum number of faces: node numbers have 31 bits, as one bit stores the winding, and one number is reserved for
+/// "none".
 pub const MOST_FACES: u64 = (1 << 31) - 1;
-/// Corners at most, which half-edges number in 32 bits.
+/// Maximum number of corners: half-edges number them in 32 bits.
 pub const MOST_CORNERS: u64 = u32::MAX as u64;
 
-/// Refuses a mesh in the file `path` whose corners and faces cannot be numbered. Takes no time, so that commands
-/// can ask before they begin.
+/// Rejects a mesh in the file `path` whose corners or faces cannot be numbered. Takes constant time, so that commands
+/// can check before they start.
 ///
 /// # Errors
 /// [`Error::Unusable`].
@@ -521,7 +524,8 @@ mod tests {
             assert_eq!(mesh.positions.get(3), [0., 1., 0.]);
             assert_eq!(mesh.content_hash(), same[0].content_hash());
         }
-        // Work directories of arrays are known by it: it stays what it is, with any compiler and on any machine.
+        // Work directories of meshes from arrays are keyed by this hash: it must stay the same with any compiler and on
+        // any machine.
         assert_eq!(same[0].content_hash(), 0x0475_989b_2f76_fce3);
         let others =
             [Mesh::from_slices(&SQUARE, &[[0u32, 1, 2], [0, 3, 2]]), Mesh::from_slices(&SQUARE, &triangles[..1])];
@@ -543,7 +547,7 @@ mod tests {
         for starts in [vec![], vec![1, 3], vec![0, 2], vec![0, 4, 3], vec![0, 2, 1, 3]] {
             wrong(Mesh::from_polygons(SQUARE.to_vec(), starts, vec![0, 1, 2]), "starts: do not ascend");
         }
-        // Records nearer to each other than they are long passed, and were read beyond the end.
+        // Regression: a stride shorter than a record was accepted, and bytes beyond the end were read.
         let twelve = || vec![0u32; 3].into();
         assert!(Faces::triangles("x".as_ref(), twelve(), 0, 0, 2).is_err());
         assert!(Faces::triangles("x".as_ref(), twelve(), 0, 0, 1).is_ok());

@@ -1,10 +1,9 @@
 //! From a mesh file or arrays to faces, and from labels back to a mesh file.
 //!
-//! [`Mesh`] is what the layers above see: positions and faces behind mapped files or arrays in memory, whatever
-//! the file looked like. [`open()`] makes one of every PLY flavour: most are used where they lie, the rest are
-//! decoded once, in one pass through small buffers. OBJ, OFF and STL become PLY first. [`ply`] holds all that
-//! knows this format. [`strays`] finds vertices that lie far outside of the rest, [`split_faces`] cuts faces
-//! along smooth boundaries.
+//! [`Mesh`] is what the layers above see: positions and faces in mapped files or arrays in memory, whatever the format
+//! of the file. [`open()`] reads every flavour of PLY: most are used in place, the rest are decoded once, in one pass
+//! through small buffers. OBJ, OFF and STL are converted to PLY first. [`ply`] holds all code that knows this format.
+//! [`strays`] finds vertices far outside the rest, [`split_faces`] cuts faces along smooth boundaries.
 
 pub mod extent;
 pub mod geometry;

@@ -1,9 +1,8 @@
-//! Opening a mesh file: PLY of any flavour, or OBJ, OFF, STL, which become PLY first (`import`).
+//! Opening a mesh file: PLY of any flavour, or OBJ, OFF, STL, which are converted to PLY first (`import`).
 //!
-//! The header is checked against the size of the file before anything is allocated or looped over.
-//! A binary little-endian file of triangles is used where it lies (one verifying pass, no copy);
-//! anything else is decoded once into arrays of the scratch folder; a compressed or streamed file
-//! is spooled there first.
+//! The header is checked against the size of the file before anything is allocated or looped over. A binary
+//! little-endian file of triangles is used in place (one verifying pass, no copy); anything else is decoded once into
+//! arrays of the scratch folder; a compressed or streamed file is copied there first.
 
 use super::geometry::{Mesh, check_size, empty, no_faces, too_many_vertices};
 use super::import::{self, Format};
@@ -26,10 +25,10 @@ use std::sync::Arc;
 const BUFFER: usize = 1 << 20;
 
 impl Mesh {
-    /// Opens the PLY, OBJ, OFF or STL file at `path`, compressed with gzip or not. Arrays that have to be decoded go to
-    /// a folder of their own among the system's temporary files, which disappears with the mesh: some 24 bytes per
-    /// vertex and 13 per triangle, nothing for a binary little-endian PLY of triangles. [`open()`] takes the folder for
-    /// them and reports its progress.
+    /// Opens the PLY, OBJ, OFF or STL file at `path`, optionally compressed with gzip. Arrays that have to be decoded
+    /// go to a temporary folder of the system, which is removed with the mesh: some 24 bytes per vertex and 13 per
+    /// triangle, nothing for a binary little-endian PLY of triangles. Use [`open()`] to choose the folder and to follow
+    /// the progress.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -48,7 +47,7 @@ impl Mesh {
         Self::open_under(path, &Run::new(&()))
     }
 
-    /// The same under `run`, which tells how far it is and may stop it.
+    /// The same under `run`, which receives progress and can cancel.
     ///
     /// # Errors
     /// As [`open()`].
@@ -60,9 +59,9 @@ impl Mesh {
     }
 }
 
-/// Opens the PLY, OBJ, OFF or STL file at `path`, compressed with gzip or not, or a named pipe. Arrays that have to be
-/// decoded, and the uncompressed file, go to the folder `scratch`, which must outlive the result. Progress is reported
-/// as stage `read`, in faces.
+/// Opens the PLY, OBJ, OFF or STL file at `path`, optionally compressed with gzip, or a named pipe. Arrays that have to
+/// be decoded, and the uncompressed file, go to the folder `scratch`, which must outlive the result. Progress is
+/// reported as stage `read`, in faces.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -77,19 +76,19 @@ impl Mesh {
 /// ```
 ///
 /// # Errors
-/// [`Error::Malformed`] or [`Error::Unusable`], in one line, for everything that is no mesh with
-/// faces; [`Error::Io`]; [`Error::Cancelled`].
+/// [`Error::Malformed`] or [`Error::Unusable`], in one line, for everything that is not a mesh with faces;
+/// [`Error::Io`]; [`Error::Cancelled`].
 pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
     if is_pipe(path) {
-        // It cannot be mapped.
+        // A pipe cannot be mapped.
         let pipe = File::open(path).map_err(Error::io(path, "open"))?;
         return open_stream(Pipe(pipe), path, &scratch.join("input"), run);
     }
     open_bytes(path, MappedBytes::open(path)?, true, scratch, run)
 }
 
-/// A pipe or a terminal. A read that has waited for a tenth of a second says that it was interrupted, so that who reads
-/// can look at whether the run was cancelled: a signal ends no read.
+/// A pipe or a terminal. A read that has waited for a tenth of a second returns `Interrupted`, so that the reader can
+/// check whether the run was cancelled: a signal alone does not end the read.
 #[derive(Debug)]
 pub struct Pipe(pub File);
 
@@ -103,8 +102,8 @@ impl Read for Pipe {
     }
 }
 
-/// Opens a mesh file that comes as a stream, which is spooled to the file `to` first; what has to be decoded lies
-/// beside it. `name` stands for the path in messages. From a [`Pipe`] reading stops where the run is cancelled.
+/// Opens a mesh file that arrives as a stream. It is first copied to the file `to`; decoded arrays lie beside it.
+/// `name` stands for the path in messages. If the source is a [`Pipe`], reading stops when the run is cancelled.
 ///
 /// # Errors
 /// As [`open`].
@@ -117,7 +116,7 @@ fn open_stream(mut source: impl Read, path: &Path, to: &Path, run: &Run) -> Resu
     open_bytes(path, bytes, false, to.parent().unwrap_or(Path::new("")), run)
 }
 
-/// Opens the mesh in `bytes`, which are those of the file at `path` itself or come from elsewhere.
+/// Opens the mesh in `bytes`. `is_file`: they are the file at `path` itself, not decompressed or streamed data.
 fn open_bytes(path: &Path, bytes: MappedBytes, is_file: bool, scratch: &Path, run: &Run) -> Result<Mesh> {
     let compressed = import::is_compressed(&bytes);
     let bytes = if compressed { decompress(path, &bytes, scratch, run)? } else { bytes };
@@ -177,7 +176,7 @@ fn vertex_list(element: &Element) -> Option<usize> {
     let is_list =
         |number: &usize| matches!(element.properties[*number].kind, Kind::List { item, .. } if !item.is_real());
     let named = ["vertex_indices", "vertex_index"].iter().find_map(|name| element.find(name).filter(is_list));
-    // A sole list of integers can mean nothing else, whatever its name.
+    // A sole list of integers must be it, whatever its name.
     let mut lists = (0..element.properties.len()).filter(is_list);
     named.or_else(|| lists.next().filter(|_| lists.next().is_none()))
 }
@@ -189,7 +188,7 @@ fn find_faces(path: &Path, header: &Header) -> Result<(usize, usize, bool)> {
         let Some(number) = header.elements.iter().position(of_name) else { continue };
         let element = &header.elements[number];
         if !strips {
-            // What counts as a face has three corners at the least.
+            // Assumes at least three corners per face.
             check_size(element.count as u64, (element.count as u64).saturating_mul(3), path)?;
         }
         let list = vertex_list(element).ok_or_else(|| {
@@ -205,19 +204,19 @@ fn find_faces(path: &Path, header: &Header) -> Result<(usize, usize, bool)> {
 }
 
 /// Writes all of `source` to the file `to`, by rename (an earlier one may still be mapped), and maps it. `path` names
-/// the source in errors. A kilobyte of gzip can be a gigabyte of mesh, and a stream has no end that is known: a
-/// sixteenth of what is free on the disk stays so.
+/// the source in errors. A kilobyte of gzip can be a gigabyte of mesh, and the length of a stream is unknown, so a
+/// sixteenth of the free disk space is left.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`]; [`Error::Malformed`] when compressed data are damaged; [`Error::Unusable`] for
-/// more than there is room for.
+/// more data than there is room for.
 fn spool(path: &Path, source: &mut impl Read, to: &Path, run: &Run) -> Result<MappedBytes> {
     let free = to.parent().and_then(|folder| fs4::available_space(folder).ok()).unwrap_or(u64::MAX);
     by_rename(to, 0, false, |file| copy(path, source, (to, free - free / 16), file, run))?;
     MappedBytes::open(to)
 }
 
-/// Copies `source` to `file`, which is at `to`, as long as it has no more than `room` bytes.
+/// Copies `source` to `file`, whose path is `to`, but no more than `room` bytes.
 fn copy(path: &Path, source: &mut impl Read, (to, room): (&Path, u64), file: &mut File, run: &Run) -> Result<()> {
     let mut buffer = vec![0; BUFFER];
     let mut total = 0u64;
@@ -227,7 +226,7 @@ fn copy(path: &Path, source: &mut impl Read, (to, room): (&Path, u64), file: &mu
             Ok(0) => return Ok(()),
             Ok(count) => count,
             Err(error) if error.kind() == ErrorKind::Interrupted => continue,
-            // What flate2 answers to data that are no gzip, damaged or cut short.
+            // How flate2 reports data that are not gzip, damaged or cut short.
             Err(error)
                 if matches!(
                     error.kind(),
@@ -267,7 +266,7 @@ mod tests {
     use flate2::Compression;
     use flate2::write::GzEncoder;
 
-    /// A few kilobytes of gzip filled the disk.
+    /// Regression: a few kilobytes of gzip filled the disk.
     #[test]
     fn compressed_data_may_not_outgrow_the_disk() {
         let dir = tempfile::tempdir().unwrap();

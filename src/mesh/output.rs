@@ -1,6 +1,6 @@
-//! Output files appear whole or not at all: they are written as `NAME.partial`, then renamed.
+//! Output files appear complete or not at all: they are written as `NAME.partial`, then renamed.
 //!
-//! Bytes gather in a buffer of a mebibyte, so that a writer may append a few at a time.
+//! Bytes are gathered in a buffer of one mebibyte, so that a writer may append a few at a time.
 
 use crate::base::{Error, Result};
 use crate::store::new_file::by_rename;
@@ -11,13 +11,13 @@ use std::path::Path;
 /// Bytes gathered before they are written.
 const FLUSH: usize = 1 << 20;
 
-/// Whether the name of `path` ends with `.ending`, in letters of any case.
+/// Whether the extension of `path` is `ending`, ignoring case.
 pub fn ends_with(path: &Path, ending: &str) -> bool {
     path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending))
 }
 
-/// Has `write` fill the output `path`, with `bytes` reserved, under another name until it is whole and on the disk.
-/// Nothing is left behind when it fails.
+/// Calls `write` to fill the output `path`, with `bytes` reserved, under another name until it is complete and synced.
+/// Leaves nothing behind on failure.
 ///
 /// # Errors
 /// Those of `write`; [`Error::Io`].
@@ -25,7 +25,7 @@ pub(crate) fn publish(path: &Path, bytes: u64, write: impl FnOnce(&mut File) -> 
     by_rename(path, bytes, true, write)
 }
 
-/// A writer with a buffer that can be appended to without a call per number.
+/// A buffered writer for appending numbers without a call for each.
 pub(crate) struct Gather<'a> {
     path: &'a Path,
     writer: &'a mut dyn Write,
@@ -34,12 +34,12 @@ pub(crate) struct Gather<'a> {
 }
 
 impl<'a> Gather<'a> {
-    /// A gatherer before `writer`; `path` names it in errors.
+    /// Wraps `writer`; `path` names it in errors.
     pub(crate) fn new(path: &'a Path, writer: &'a mut dyn Write) -> Self {
         Self { path, writer, buffer: Vec::with_capacity(FLUSH + FLUSH / 8) }
     }
 
-    /// Writes when enough is gathered; call it about once per record.
+    /// Writes if enough is gathered; call it about once per record.
     #[inline]
     pub(crate) fn settle(&mut self) -> Result<()> {
         if self.buffer.len() < FLUSH { Ok(()) } else { self.write_out() }
@@ -51,7 +51,7 @@ impl<'a> Gather<'a> {
         Ok(())
     }
 
-    /// Writes bytes past the buffer.
+    /// Writes bytes directly, past the buffer.
     pub(crate) fn pass(&mut self, bytes: &[u8]) -> Result<()> {
         self.write_out()?;
         self.writer.write_all(bytes).map_err(Error::io(self.path, "write"))

@@ -1,30 +1,30 @@
-//! Polygons cut into triangles that do not leave them.
+//! Triangulates polygons without leaving them.
 //!
-//! A convex polygon is the fan of its first corner. That of a concave one may leave it: it would fill the notch of an
-//! L, and its triangles have more area than the L. There ears are cut off instead, in the plane of the polygon's area
-//! vector (Newell's). All corners are used, so that what was closed stays so. Cost: some 5 ns per corner of a fan,
-//! 100 ns where ears are cut off.
+//! A convex polygon becomes the fan of its first corner. The fan of a concave one may leave it: it would fill the notch
+//! of an L, and its triangles have more area than the L. Then ears are clipped instead, in the plane of the polygon's
+//! area vector (Newell's). All corners are used, so a closed surface stays closed. Cost: some 5 ns per corner of a fan,
+//! 100 ns where ears are clipped.
 
 use crate::base::vector::{add_scaled, cross, dot, length, minus, unit};
 use earcut::Earcut;
 
-/// Relative deviation of areas up to which a triangulation is one without folds.
+/// Relative difference in area up to which a triangulation counts as free of folds.
 const FOLDS: f64 = 1e-6;
-/// Share of the area up to which a triangle that is turned over is one of corners in line, rounded to floats.
+/// Share of the area up to which a flipped triangle counts as one of collinear corners, rounded to floats.
 const IN_LINE: f64 = 1e-6;
 
-/// Calls `visit` with the triangles of a polygon with corners `at`, three numbers of its corners each, wound as it is:
-/// two less than corners. It is the fan of the first corner unless that folds, or where nothing better is found.
+/// Calls `visit` with the triangles of a polygon with corners `at`, as corner indices, wound like the polygon: two
+/// fewer than corners. It is the fan of the first corner unless that folds, and also where nothing better is found.
 #[inline]
 pub fn triangles(at: &[[f64; 3]], visit: impl FnMut([usize; 3])) {
     triangles_of(at.len(), |k| at[k], visit);
 }
 
-/// The same of `n` corners that are looked up where they lie: there may be millions.
+/// The same for `n` corners that are read through `at`: there may be millions.
 #[inline]
 pub(super) fn triangles_of(n: usize, at: impl Fn(usize) -> [f64; 3], mut visit: impl FnMut([usize; 3])) {
     let ears = || clipped(&(0..n).map(&at).collect::<Vec<_>>(), &mut Earcut::new());
-    // Of a simple quad, one of the two fans does not fold.
+    // One of the two fans of a simple quad does not fold.
     let first = match n {
         0..=2 => return,
         3 => 0,
@@ -45,18 +45,18 @@ fn fan(n: usize, first: usize) -> impl Iterator<Item = [usize; 3]> {
     (1..n - 1).map(move |k| [first, corner(k), corner(k + 1)])
 }
 
-/// Whether some triangles of the fan of corner `first` are turned over. Not where a corner has no place in space.
+/// Whether the fan of corner `first` has flipped triangles. False if a corner is not finite.
 #[inline]
 fn folds(n: usize, at: &impl Fn(usize) -> [f64; 3], first: usize) -> bool {
     turned(n, at, first, 1.).unwrap_or_else(|| {
-        // The squares of its areas are beyond the doubles, or below them.
+        // The squares overflow or underflow: rescale.
         let spokes = (0..n).flat_map(|k| minus(at(k), at(first)));
         let size = spokes.fold(0., |size: f64, x| size.max(x.abs()));
         turned(n, at, first, 1. / size).unwrap_or(false)
     })
 }
 
-/// The same of the polygon times `scale`, unless its area has no square.
+/// The same for the polygon scaled by `scale`; `None` if the square of its area is not representable.
 #[inline]
 fn turned(n: usize, at: &impl Fn(usize) -> [f64; 3], first: usize, scale: f64) -> Option<bool> {
     let origin = at(first);
@@ -70,7 +70,7 @@ fn turned(n: usize, at: &impl Fn(usize) -> [f64; 3], first: usize, scale: f64) -
     square.is_normal().then(|| fan(n, first).any(|corners| dot(area(corners), normal) < -IN_LINE * square))
 }
 
-/// Twice the area vector of a polygon (Newell's), whose corners lie at `spokes` from the first.
+/// Twice the area vector of a polygon (Newell's), given its corners relative to the first.
 pub(crate) fn double_area_vector(spokes: impl IntoIterator<Item = [f64; 3]>) -> [f64; 3] {
     let (mut sum, mut before) = ([0.; 3], [0.; 3]);
     for spoke in spokes {
@@ -80,8 +80,8 @@ pub(crate) fn double_area_vector(spokes: impl IntoIterator<Item = [f64; 3]>) -> 
     sum
 }
 
-/// The triangles that ear clipping of a loop with corners `at` makes in the plane of its area vector, wound as it is,
-/// if they use all corners and do not fold.
+/// The ear-clipping triangles of a loop with corners `at`, in the plane of its area vector, wound like the loop; `None`
+/// unless they use all corners and do not fold.
 pub(crate) fn clipped(at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<Vec<[u32; 3]>> {
     let spokes: Vec<[f64; 3]> = at.iter().map(|&p| minus(p, at[0])).collect();
     let normal = double_area_vector(spokes.iter().copied());

@@ -1,18 +1,17 @@
-//! Vertex positions over mapped bytes or an array in memory, wherever each record has its coordinates.
+//! Vertex positions in mapped bytes or an array in memory, at any offset in each record.
 //!
-//! A file of floating-point coordinates is read where it lies, whatever else its records hold. A position
-//! costs its 12 or 24 bytes of mapped file, and a few nanoseconds; positions that replace those of strays are
-//! few, and are held in memory.
+//! Floating-point coordinates in a file are read in place, whatever else its records contain. A position costs its 12
+//! or 24 bytes of mapped file, and a few nanoseconds; repaired positions of strays are few and kept in memory.
 
 use crate::base::{Error, Result};
 use crate::store::MappedBytes;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Vertices, ascending, and where they count as lying.
+/// Vertices, ascending, and their replacement positions.
 type Repairs = Arc<[(u32, [f64; 3])]>;
 
-/// Where coordinates lie in a run of bytes.
+/// The layout of coordinates in a run of bytes.
 #[derive(Clone, Copy, Debug)]
 pub struct StridedLayout {
     /// Byte of the first record.
@@ -21,7 +20,7 @@ pub struct StridedLayout {
     pub stride: usize,
     /// Bytes from a record's start to its x, y, z.
     pub at: [usize; 3],
-    /// Whether coordinates have 8 bytes, not 4.
+    /// Whether coordinates have 8 bytes rather than 4.
     pub double: bool,
     /// Number of records.
     pub len: usize,
@@ -40,12 +39,12 @@ impl StridedLayout {
 pub struct Positions {
     bytes: MappedBytes,
     layout: StridedLayout,
-    /// Positions in the place of those in the bytes; see [`super::strays`].
+    /// Positions that replace those in the bytes; see [`super::strays`].
     repairs: Option<Repairs>,
 }
 
 impl Positions {
-    /// The positions that lie in `bytes` as `layout` says.
+    /// The positions in `bytes`, laid out as in `layout`.
     ///
     /// # Errors
     /// [`Error::Malformed`] naming `path` when they do not fit.
@@ -60,7 +59,7 @@ impl Positions {
         Ok(Self { bytes, layout, repairs: None })
     }
 
-    /// Puts `repairs`, ascending by vertex, in the place of the positions in the bytes.
+    /// Replaces positions in the bytes by `repairs`, ascending by vertex.
     pub(super) fn repair(&mut self, repairs: Vec<(u32, [f64; 3])>) {
         self.repairs = (!repairs.is_empty()).then(|| repairs.into());
     }
@@ -80,8 +79,8 @@ impl Positions {
         self.layout.double
     }
 
-    /// The position of vertex `v`; NaN where there is no such vertex. Always inlined, so that coordinates stay in
-    /// registers: through memory a pass over all corners takes half as long again.
+    /// The position of vertex `v`; NaN if there is no such vertex. Always inlined, so that coordinates stay in
+    /// registers: through memory, a pass over all corners takes half as long again.
     #[inline(always)]
     pub fn get(&self, v: u32) -> [f64; 3] {
         if let Some(repairs) = &self.repairs
@@ -94,7 +93,7 @@ impl Positions {
         let Some(record) = self.bytes.get(start..start + stride).filter(|_| (v as usize) < len) else {
             return [f64::NAN; 3];
         };
-        // Written out: mapping over the array is not always inlined, and this is every pass's inner loop.
+        // Unrolled: mapping over the array is not always inlined, and this is every pass's inner loop.
         let [x, y, z] = at;
         if double {
             let get = |at: usize| f64::from_le_bytes(eight(&record[at..at + 8]));
@@ -123,7 +122,7 @@ fn eight(bytes: &[u8]) -> [u8; 8] {
     [bytes[0], bytes[1], bytes[2], bytes[3], bytes[4], bytes[5], bytes[6], bytes[7]]
 }
 
-/// Refuses `len` records that `bytes` cannot hold.
+/// Rejects `len` records that `bytes` cannot hold.
 pub(super) fn check_fit(path: &Path, what: &str, bytes: usize, offset: usize, stride: usize, len: usize) -> Result<()> {
     let end = len.checked_mul(stride).and_then(|size| size.checked_add(offset));
     if end.is_none_or(|end| end > bytes) {

@@ -1,6 +1,6 @@
 //! `.seg` files: one label per line, one line per face, as in the Princeton segmentation benchmark.
 //!
-//! Written through one buffer, about 5 ns per label; read with 4 bytes held per label.
+//! Written through one buffer, about 5 ns per label; reading takes 4 bytes of memory per label.
 
 use super::output::{Gather, publish};
 use crate::base::{Error, Result};
@@ -8,7 +8,7 @@ use crate::store::{MappedBytes, Run};
 use std::io::Write;
 use std::path::Path;
 
-/// Labels between two looks at the stop flag.
+/// Labels between two checks of the stop flag.
 const CHUNK: usize = 1 << 16;
 
 /// Writes `labels`, one per face, to `path`, by rename.
@@ -48,12 +48,11 @@ pub fn write_seg_to(path: &Path, writer: &mut dyn Write, labels: &[u32], run: &R
     out.finish()
 }
 
-/// Reads a `.seg` file. Blank lines, blanks around a label, CRLF and lines that begin with `#` do
-/// no harm.
+/// Reads a `.seg` file. Blank lines, blanks around a label, CRLF and lines that begin with `#` are accepted.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::Malformed`] naming the line that is no label; [`Error::Unusable`] for a
-/// file without labels.
+/// [`Error::Io`]; [`Error::Malformed`] naming the line that is not a label; [`Error::Unusable`] for a file without
+/// labels.
 pub fn read_seg(path: &Path) -> Result<Vec<u32>> {
     let mut labels = Vec::new();
     each_label(
@@ -67,7 +66,7 @@ pub fn read_seg(path: &Path) -> Result<Vec<u32>> {
     Ok(labels)
 }
 
-/// Calls `visit` for the same, but a negative number says that a face has no label, and becomes `u32::MAX`.
+/// Calls `visit` for each label, but a negative number means that a face has no label, and becomes `u32::MAX`.
 ///
 /// # Errors
 /// As [`read_seg`]; those of `visit`.
@@ -79,7 +78,7 @@ pub(crate) fn each_label_or_none(path: &Path, visit: impl FnMut(u32) -> Result<(
     each_label(path, parse, visit)
 }
 
-/// Calls `visit` for the labels in `path`, each as `parse` has it.
+/// Calls `visit` for the labels in `path`, each as parsed by `parse`.
 fn each_label(
     path: &Path,
     parse: impl Fn(&str) -> Option<u32>,

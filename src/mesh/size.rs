@@ -1,7 +1,7 @@
-//! How large the mesh in a file is, without reading all of it: what memory and time are planned from.
+//! The size of the mesh in a file, without reading all of it: the basis for planning memory and time.
 //!
-//! The header of a PLY has the counts, and the file's size shows whether they can be true. Cost: microseconds for a
-//! PLY, compressed or not; one pass over the text of an OBJ or OFF.
+//! The header of a PLY has the counts, and the file size shows whether they are possible. Cost: microseconds for a PLY,
+//! compressed or not; one pass over the text of an OBJ or OFF.
 
 use super::geometry::{empty, no_faces};
 use super::import;
@@ -20,20 +20,20 @@ pub struct MeshSize {
     pub faces: u64,
     /// Vertices.
     pub vertices: u64,
-    /// Corners of all faces; three a face where the header does not tell.
+    /// Corners of all faces; three per face if the header does not say.
     pub corners: u64,
-    /// Bytes that decoding (and decompressing) writes; 0 where the file is read where it lies.
+    /// Bytes that decoding (and decompressing) writes; 0 if the file is read in place.
     pub decoded: u64,
-    /// Whether the faces are strips of triangles, which headers do not count: `faces` is what they hold at the most.
+    /// Whether the faces are triangle strips, whose lengths headers do not give: `faces` is then an upper bound.
     pub strips: bool,
 }
 
-/// Whether `path` is a pipe, as of a shell's <(…), or a device: it can be read only once, and has no size.
+/// Whether `path` is a pipe, such as a shell's <(…), or a device: it can be read only once, and has no size.
 pub fn is_pipe(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
 }
 
-/// Whether the size of the mesh at `path` shows only when it is read: it is a pipe, or compressed text or STL.
+/// Whether the size of the mesh at `path` is known only after reading it: a pipe, or compressed text or STL.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -45,8 +45,8 @@ pub fn shows_when_read(path: &Path) -> Result<bool> {
     Ok(import::is_compressed(&bytes) && !import::is_ply(path, &head_of(path, &bytes)?))
 }
 
-/// The faces that strips of triangles hold at the most in a file of `len` bytes: the header counts strips, and each
-/// further vertex makes a face. A vertex has two bytes of text at the least; compressed data are taken for plain ones.
+/// Upper bound on the faces of triangle strips in a file of `len` bytes: the header counts strips, and each further
+/// vertex makes a face. A vertex takes at least two bytes of text; compressed data are treated as uncompressed.
 fn faces_of_strips(header: &header::Header, len: u64) -> u64 {
     let left = len.saturating_sub(header.payload as u64);
     if header.encoding == Encoding::Ascii {
@@ -60,14 +60,14 @@ fn faces_of_strips(header: &header::Header, len: u64) -> u64 {
     left.saturating_sub(u64::try_from(fixed).unwrap_or(u64::MAX)) / items.min().unwrap_or(4)
 }
 
-/// The uncompressed start of `bytes`, the gzip file `path`: its header, and at the most what a header may have.
+/// The uncompressed start of `bytes`, the gzip file `path`: its header, and no more than a header may have.
 fn head_of(path: &Path, bytes: &[u8]) -> Result<Vec<u8>> {
     let (mut head, mut room) = (Vec::new(), 1 << 16);
     loop {
         head.clear();
         let mut plain = MultiGzDecoder::new(bytes).take(room);
         plain.read_to_end(&mut head).map_err(Error::io(path, "decompress"))?;
-        // Nearly always all of it is there at once.
+        // Nearly always the whole header is there at once.
         if room >= header::LIMIT as u64 || (head.len() as u64) < room || header::parse(path, &head).is_ok() {
             return Ok(head);
         }
@@ -75,8 +75,7 @@ fn head_of(path: &Path, bytes: &[u8]) -> Result<Vec<u8>> {
     }
 }
 
-/// The size of the mesh in the file `path`, from its header and the file's size. Of strips of triangles it tells
-/// what they hold at the most.
+/// The size of the mesh in the file `path`, from its header and the file size. For triangle strips, an upper bound.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unusable`].
@@ -109,7 +108,7 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
     let Some(vertices) = count("vertex") else {
         return Err(Error::malformed(path, "header", "there is no vertex element", "export the mesh again"));
     };
-    // An empty element of faces may stand before one of strips.
+    // An empty face element may precede one of strips.
     let some = |name: &str| count(name).filter(|&faces| faces > 0);
     let listed = some("face");
     let in_strips = || some("tristrips").map(|strips| strips.max(faces_of_strips(&header, bytes.len() as u64)));
@@ -142,7 +141,7 @@ mod tests {
     use flate2::write::GzEncoder;
     use std::io::Write;
 
-    /// Text was compared with the size of binary records, and of a compressed header 64 KiB were read.
+    /// Regression: text was compared with the size of binary records, and only 64 KiB of a compressed header were read.
     #[test]
     fn every_file_that_opens_has_a_size() {
         let dir = tempfile::tempdir().unwrap();

@@ -1,15 +1,15 @@
-//! Stray vertices: single ones that lie far outside of the mesh, as scanners and converters leave them.
+//! Stray vertices: single ones far outside the mesh, as left behind by scanners and converters.
 //!
 //! One vertex a hundred diagonals away makes the bounding box a hundred times as large, and the few faces that touch it
-//! carry nearly all of the area: sizes, seeds and landmarks then depend on the stray and on nothing else. So work is
-//! done on [`Mesh::without_strays`], where each stray lies at the mean of its neighbours. Where it was does not matter
+//! carry nearly all of the area: sizes, seeds and landmarks then depend only on the stray. So work is done on
+//! [`Mesh::without_strays`], where each stray lies at the mean of its neighbours. Its original position does not matter
 //! then: the results are the same bytes at any distance. Outputs keep the positions of the file.
 //!
-//! What is a stray must not be honest geometry: a wall of two triangles around a statue, the tip of a spire, the
-//! end of a pole carry much area by few vertices too. Distances are measured from the core, the box between the 5 %
-//! and the 95 % quantiles of the coordinates, in its diagonals. Vertices [`NEAR`] and more outside of it are
-//! candidates, if they are few. Those joined by edges belong together, and are strays where their nearest is as far
-//! out as their shape demands:
+//! Genuine geometry must not count as stray: a wall of two triangles around a statue, the tip of a spire and the end of
+//! a pole also carry much area on few vertices. Distances are measured from the core, the box between the 5 % and the
+//! 95 % quantiles of the coordinates, in units of its diagonal. Vertices [`NEAR`] or more outside it are candidates, if
+//! they are few. Candidates joined by edges form a cluster, and are strays if the nearest of them is far enough out for
+//! the shape of the cluster:
 //!
 //! - [`NEAR`]: a spike on a fine surface. Its base is no wider than the hole that as many missing vertices would leave,
 //!   its length is at least [`NEEDLE`] times that width, and the edges among the candidates enclose nothing.
@@ -18,7 +18,7 @@
 //! - [`ABSURD`]: anything else, such as walls and separate pieces. A single-precision coordinate could not hold the
 //!   rest of the mesh together with it.
 //!
-//! Cost: a look at every position, about 1 ns each; where there are candidates, also at every corner, about 5 ns each.
+//! Cost: about 1 ns per position; if there are candidates, also about 5 ns per corner.
 
 use super::geometry::Mesh;
 use super::positions::Positions;
@@ -30,43 +30,44 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-/// Distance from the core, in its diagonals, from which a vertex may be a stray.
+/// Distance from the core, in units of its diagonal, from which a vertex may be a stray.
 pub const NEAR: f64 = 1.;
-/// … and from which strays may close loops among each other.
+/// … and from which strays may form closed loops.
 pub const LOOSE: f64 = 30.;
 /// … and from which every vertex is a stray.
 pub const ABSURD: f64 = 1e4;
-/// At most one vertex in this many is a stray.
+/// At most one in this many vertices may be a stray.
 const RARE: usize = 100;
-/// … and at most this many are in all, which bounds the memory. A mesh with more vertices out there
-/// really extends that far.
+/// … and at most this many in all, which bounds the memory. A mesh with more vertices out there really extends that
+/// far.
 const MOST: usize = 10_000;
-/// Corners at candidates, at the most, for the same reason.
+/// Maximum number of corners at candidates, for the same reason.
 const MOST_CORNERS: usize = 1 << 20;
-/// Width of the hole that a stray grows from, in long edges of the mesh; by the root of their number for several.
+/// Width of the hole that a stray would leave, in long edges of the mesh; scaled by the square root of their number for
+/// several.
 const HOLE: f64 = 4.;
-/// Least length of a spike, in widths of the hole; the roof of a tower is shorter.
+/// Minimum length of a spike, in widths of its hole; the roof of a tower is shorter.
 const NEEDLE: f64 = 8.;
-/// Long edges are longer than this share of all.
+/// The quantile of edge lengths that counts as long.
 const LONG: f64 = 0.9;
 /// The core lies between these quantiles.
 const CORE: [f64; 2] = [0.05, 0.95];
-/// Vertices and faces that quantiles are taken from.
+/// Number of vertices and faces sampled for quantiles.
 const SAMPLE: usize = 4096;
 const CHUNK: usize = 1 << 16;
 
-/// Where strays are put: vertex, and position in the place of its own; NaN where there is none. Ascending by vertex.
+/// Replacement positions of strays, ascending by vertex; NaN where there is none.
 pub type Repairs = Vec<(u32, [f64; 3])>;
 
 impl Mesh {
-    /// What to tell about [`Mesh::strays`].
+    /// The note about [`Mesh::strays`].
     pub(crate) fn strays_note(&self) -> String {
         let verb = if self.strays() == 1 { "vertex lies" } else { "vertices lie" };
         let why = "far outside of the rest: the mean of the neighbours is used instead";
         format!("{}: {} {verb} {why}", self.path().display(), self.strays())
     }
 
-    /// The same mesh with its stray vertices at the mean of their neighbours; one without a neighbour in space has no
+    /// The same mesh with its stray vertices at the mean of their neighbours; one without a finite neighbour gets no
     /// position (NaN). Faces, the document and all other positions are shared.
     ///
     /// ```
@@ -101,8 +102,8 @@ struct Core {
 }
 
 impl Core {
-    /// Of a sample of corners, evenly spread over the numbers of the faces; none where most lie at one point. Vertices
-    /// that no face uses do not count, however many there are.
+    /// Computed from a sample of corners, evenly spread over the faces; `None` where most lie at one point. Unused
+    /// vertices do not count, however many there are.
     fn of(mesh: &Mesh) -> Option<Self> {
         let step = mesh.faces.len().div_ceil(SAMPLE).max(1);
         let corner = |face: usize| {
@@ -116,13 +117,13 @@ impl Core {
         (diagonal > 0. && diagonal.is_finite()).then_some(Self { low, high, diagonal })
     }
 
-    /// How far outside `p` lies, in diagonals; NaN, which is not far, where it is no place.
+    /// How far outside `p` lies, in diagonals; NaN, which does not count as far, if `p` is not finite.
     fn distance(&self, p: [f64; 3]) -> f64 {
         let outside = |axis: usize| (self.low[axis] - p[axis]).max(p[axis] - self.high[axis]);
         outside(0).max(outside(1)).max(outside(2)) / self.diagonal
     }
 
-    /// The box beyond which a vertex is [`NEAR`] diagonals and more outside.
+    /// The core grown by [`NEAR`] diagonals; vertices outside it are candidates.
     fn reach(&self) -> [[f64; 3]; 2] {
         let out = NEAR * self.diagonal;
         [self.low.map(|x| x - out), self.high.map(|x| x + out)]
@@ -134,15 +135,15 @@ fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by(at, f64::total_cmp).1)
 }
 
-/// The strays of `mesh`, and where they are put.
+/// The strays of `mesh` and their replacement positions.
 fn find(mesh: &Mesh, run: &Run) -> Result<Repairs> {
     let positions = &mesh.positions;
     let few = MOST.min(positions.len() / RARE);
     let Some(core) = Core::of(mesh).filter(|_| few > 0) else { return Ok(Vec::new()) };
     let [low, high] = core.reach();
-    // Too many are not kept: which ones they are does not matter then.
+    // If there are too many, they are not stored: which ones they are does not matter then.
     let count = AtomicUsize::new(0);
-    // Nearly always there are none: no branch for each, and no branch for each axis.
+    // Nearly always there are none, so this avoids a branch per vertex and per axis.
     let is_out = |p: [f64; 3]| (0..3).fold(false, |out, axis| out | (p[axis] < low[axis]) | (p[axis] > high[axis]));
     let is_far = |p: [f64; 3]| finite(p) && is_out(p);
     let outside = |range: Range<usize>| {
@@ -154,7 +155,7 @@ fn find(mesh: &Mesh, run: &Run) -> Result<Repairs> {
     };
     let mut candidates = run.map_ranges(positions.len(), CHUNK, outside)?.concat();
     if count.into_inner() > few {
-        // Most of them may be of no face, and are nobody's geometry.
+        // Most of them may be unused, so they are not part of the geometry.
         candidates = used_where(mesh, is_far, run)?;
     }
     if candidates.is_empty() || candidates.len() > few {
@@ -166,8 +167,7 @@ fn find(mesh: &Mesh, run: &Run) -> Result<Repairs> {
     }
 }
 
-/// The vertices of faces that lie where `is_there` says, ascending; none where they have more than [`MOST_CORNERS`]
-/// corners.
+/// The vertices of faces for which `is_there` holds, ascending; empty if they have more than [`MOST_CORNERS`] corners.
 fn used_where(mesh: &Mesh, is_there: impl Fn([f64; 3]) -> bool + Sync, run: &Run) -> Result<Vec<u32>> {
     let count = AtomicUsize::new(0);
     let mut all = run
@@ -190,11 +190,11 @@ fn used_where(mesh: &Mesh, is_there: impl Fn([f64; 3]) -> bool + Sync, run: &Run
     Ok(if count.into_inner() > MOST_CORNERS { Vec::new() } else { all })
 }
 
-/// The edges from the candidates, as pairs of a candidate's index and a vertex, ascending, once each; none
-/// where they are too many.
+/// The edges from the candidates, as pairs of a candidate's index and a vertex, ascending, without duplicates; `None`
+/// if there are too many.
 fn edges_to(mesh: &Mesh, candidates: &[u32], run: &Run) -> Result<Option<Vec<(u32, u32)>>> {
     const BITS: usize = 1 << 16;
-    // Nearly every corner is turned down by a look at a small table.
+    // A small table rejects nearly every corner.
     let mut table = vec![0u64; BITS / 64];
     let count = AtomicUsize::new(0);
     let bit = |v: u32| (v as usize % BITS / 64, 1u64 << (v % 64));
@@ -225,7 +225,7 @@ fn edges_to(mesh: &Mesh, candidates: &[u32], run: &Run) -> Result<Option<Vec<(u3
     Ok(Some(pairs))
 }
 
-/// The length that nine edges of ten do not exceed, of a sample of faces.
+/// The edge length that nine of ten edges do not exceed, in a sample of faces.
 fn long_edge(mesh: &Mesh) -> f64 {
     let mut lengths = Vec::new();
     for face in (0..mesh.faces.len()).step_by(mesh.faces.len().div_ceil(SAMPLE).max(1)) {
@@ -246,29 +246,29 @@ struct Candidates<'a> {
     core: Core,
     /// Their numbers, ascending.
     vertices: Vec<u32>,
-    /// Index of the first at the same position: where faces share no vertices, a tip is several of them.
+    /// Index of the first candidate at the same position: if faces share no vertices, a tip consists of several.
     same: Vec<u32>,
-    /// From candidates (by index) to vertices.
+    /// Edges from candidates (by index) to vertices.
     edges: Vec<(u32, u32)>,
 }
 
-/// Candidates joined by edges.
+/// A cluster of candidates joined by edges.
 struct Cluster {
     /// Candidates at different positions.
     size: usize,
-    /// Edges among these.
+    /// Edges between these.
     inside: usize,
-    /// Distance from the core of the nearest of them, in its diagonals.
+    /// The least distance of them from the core, in its diagonals.
     distance: f64,
-    /// The box of the other vertices next to them, where there are any.
+    /// The box of the adjacent vertices outside the cluster, if there are any.
     hole: Option<[[f64; 3]; 2]>,
     /// Whether any face touches them.
     used: bool,
 }
 
 impl Cluster {
-    /// Whether its vertices are strays: the core has this `diagonal`, and long edges of the mesh
-    /// have the length `long_edge`.
+    /// Whether its vertices are strays, for a core with this `diagonal` and a mesh whose long edges have the length
+    /// `long_edge`.
     fn is_stray(&self, diagonal: f64, long_edge: f64) -> bool {
         let widest = (HOLE * (self.size as f64).sqrt() * long_edge).min(self.distance * diagonal / NEEDLE);
         let spike = self.hole.is_some_and(|[low, high]| distance(low, high) <= widest);
@@ -295,7 +295,7 @@ impl<'a> Candidates<'a> {
         self.vertices.binary_search(&v).ok()
     }
 
-    /// The clusters, by their first member, and that of each candidate.
+    /// The clusters, by their first member, and the cluster of each candidate.
     fn clusters(&self) -> (BTreeMap<u32, Cluster>, Vec<u32>) {
         let mut forest = Forest::new(self.vertices.len());
         let mut inside: BTreeSet<(u32, u32)> = BTreeSet::new();
@@ -332,13 +332,13 @@ impl<'a> Candidates<'a> {
         (clusters, of)
     }
 
-    /// The strays among the candidates of a mesh with such long edges, each at the mean of its neighbours. Those with
-    /// no neighbours but strays follow when one of these has been placed.
+    /// The strays among the candidates of a mesh with such long edges, each at the mean of its neighbours. A stray
+    /// whose neighbours are all strays follows once one of these has been placed.
     fn repairs(&self, long_edge: f64) -> Repairs {
         let (clusters, of) = self.clusters();
         let stray: Vec<bool> =
             of.iter().map(|cluster| clusters[cluster].is_stray(self.core.diagonal, long_edge)).collect();
-        // Vertices at one position stay at one.
+        // Vertices at one position stay together.
         let mut around: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
         for &(k, w) in self.edges.iter().filter(|(k, _)| stray[*k as usize]) {
             around.entry(self.same[k as usize]).or_default().insert(w);

@@ -1,9 +1,9 @@
 //! Meshes in other formats than PLY: OBJ, OFF and STL become a PLY in the scratch folder.
 //!
-//! The content of a file tells its format where it can, else its name does. It streams through one buffer into a binary
-//! PLY of double coordinates (of STL: floats, as it has them), which is then read where it lies; so whatever holds for
-//! PLY holds for these too, and labels go out as PLY. Text is walked three times, to count, for vertices and for faces:
-//! some 40 ns per number in all. On disk 24 bytes per vertex and 13 per triangle.
+//! The format is recognised by the content where possible, else by the file's name. The mesh is streamed through one
+//! buffer into a binary PLY of double coordinates (floats for STL, as in the file), which is then read in place. So
+//! whatever holds for PLY holds for these too, and labelled meshes are written as PLY. Text is read three times, to
+//! count, for vertices and for faces: some 40 ns per number in all. On disk 24 bytes per vertex and 13 per triangle.
 
 mod stl;
 mod target;
@@ -19,7 +19,7 @@ use std::path::Path;
 use target::Target;
 use text::{Lines, obj, off, without_mark};
 
-/// A format that is read.
+/// A supported input format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::mesh) enum Format {
     Ply,
@@ -28,7 +28,7 @@ pub(in crate::mesh) enum Format {
     Stl,
 }
 
-/// Statements of OBJ files; those of curves, surfaces and rendering are passed over.
+/// Statements of OBJ files; those of curves, surfaces and rendering are ignored.
 const OBJ: [&[u8]; 36] = [
     b"v",
     b"vn",
@@ -67,10 +67,10 @@ const OBJ: [&[u8]; 36] = [
     b"stech",
     b"call",
 ];
-/// Lines that are looked at to recognise one.
+/// Lines examined to recognise a format.
 const LOOK: usize = 64;
 
-/// How files of other formats begin.
+/// First bytes of unsupported formats.
 const FOREIGN: [(&[u8], &str); 15] = [
     (b"glTF", "glTF"),
     (b"BZh", "bzip2 (gzip is decompressed)"),
@@ -88,25 +88,25 @@ const FOREIGN: [(&[u8], &str); 15] = [
     (b"<", "XML (COLLADA, X3D, VTK)"),
     (b"{", "JSON (glTF)"),
 ];
-/// Endings of other formats.
+/// File extensions of unsupported formats.
 const ENDINGS: [&str; 24] = [
     "gltf", "glb", "fbx", "dae", "3mf", "3ds", "blend", "step", "stp", "iges", "igs", "vtk", "vtp", "vtu", "las",
     "laz", "pcd", "xyz", "pts", "msh", "usd", "usdz", "wrl", "x3d",
 ];
 
-/// The ending of the name, in lower case, without `.gz`.
+/// The file extension in lower case, not counting `.gz`.
 fn ending(path: &Path) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let name = name.strip_suffix(".gz").unwrap_or(&name);
     name.rsplit_once('.').map_or("", |(_, ending)| ending).to_string()
 }
 
-/// Whether `bytes` begin as gzip does.
+/// Whether `bytes` start with gzip's magic number.
 pub(in crate::mesh) fn is_compressed(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x1f, 0x8b])
 }
 
-/// What the format of the file `path` of the content `bytes` is called: "OBJ", "STL, text".
+/// The name of the format of the file `path` with content `bytes`: "OBJ", "STL, text".
 pub fn name(path: &Path, bytes: &[u8]) -> String {
     if is_compressed(bytes) {
         return "compressed (gzip)".into();
@@ -124,7 +124,7 @@ pub fn name(path: &Path, bytes: &[u8]) -> String {
 /// The format of `bytes`, the uncompressed content of `path`.
 ///
 /// # Errors
-/// [`Error::Unusable`] for formats that are known but not read, and for files named as PLY that are of another format.
+/// [`Error::Unusable`] for known but unsupported formats, and for files named as PLY that are of another format.
 pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
     let start = without_mark(bytes).trim_ascii_start();
     let ending = ending(path);
@@ -181,11 +181,12 @@ fn is_off(head: &[u8]) -> bool {
 /// Whether all lines of `head`, the first bytes of a file, are statements of OBJ.
 fn is_obj(head: &[u8]) -> bool {
     let mut lines = Lines::new(head, true).take(LOOK).peekable();
-    // The last line of what is looked at may be cut off.
+    // The last line examined may be cut off.
     lines.peek().is_some() && lines.all(|line| line.words().next().is_some_and(|word| OBJ.contains(&word)))
 }
 
-/// Writes the mesh in `bytes`, the content of `path`, to `scratch` as PLY and maps that; oddities go to `notes`.
+/// Writes the mesh in `bytes`, the content of `path`, to `scratch` as PLY and maps that file; oddities are added to
+/// `notes`.
 ///
 /// # Errors
 /// [`Error::Malformed`] naming the line, or the byte, that is wrong; [`Error::Unusable`]; [`Error::Io`];
@@ -213,12 +214,13 @@ pub(super) fn convert(
     MappedBytes::open(&to)
 }
 
-/// The statements of an OBJ file: keyword and whole line, without remarks.
+/// The statements of an OBJ file: keyword and whole line, without comments.
 pub(crate) fn statements(bytes: &[u8]) -> impl Iterator<Item = (&[u8], &[u8])> {
     Lines::new(bytes, true).filter_map(|line| line.words().next().map(|word| (word, line.text)))
 }
 
-/// What the mesh in `bytes`, the content of `path`, has, by a walk over its text; none of a PLY, whose header tells.
+/// Counts the elements of the mesh in `bytes`, the content of `path`, in one pass over its text; `None` for a PLY,
+/// whose header has the counts.
 ///
 /// # Errors
 /// [`Error::Malformed`], [`Error::Unusable`].

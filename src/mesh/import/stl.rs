@@ -1,6 +1,6 @@
-//! STL, text or binary: three vertices of its own for every triangle. The graph joins what lies at the same place.
+//! STL, text or binary: every triangle has three vertices of its own. The graph joins vertices at the same position.
 //!
-//! Normals and attributes are passed over. Binary files may begin with `solid` too; their size gives them away.
+//! Normals and attributes are ignored. Binary files may begin with `solid` too; they are recognised by their size.
 
 use super::target::{Counts, Target, check};
 use super::text::{Lines, without_mark, without_padding};
@@ -8,29 +8,29 @@ use crate::base::{Error, Result};
 use crate::mesh::ply::header::{CUT_SHORT, Scalar};
 use std::path::Path;
 
-/// Bytes before the triangles of a binary file, and of each.
+/// Bytes before the triangles of a binary file, and bytes per triangle.
 const FRONT: usize = 84;
 const RECORD: usize = 50;
 
-/// The triangles that a binary file promises.
+/// The number of triangles stated in a binary file.
 fn promised(bytes: &[u8]) -> Option<u64> {
     let count = bytes.get(80..FRONT)?.first_chunk::<4>()?;
     Some(u64::from(u32::from_le_bytes(*count)))
 }
 
-/// Whether `bytes` have the size that a binary file says it has.
+/// Whether the length of `bytes` agrees with the count in a binary header.
 pub(super) fn has_binary_size(bytes: &[u8]) -> bool {
     promised(bytes).is_some_and(|count| count > 0 && FRONT as u64 + RECORD as u64 * count == bytes.len() as u64)
 }
 
-/// Whether `bytes` are a file of text.
+/// Whether `bytes` are STL text.
 pub(super) fn is_text(bytes: &[u8]) -> bool {
     let text = without_padding(without_mark(bytes));
     let solid = text.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
     solid && !has_binary_size(bytes) && !text[..text.len().min(1 << 12)].contains(&0)
 }
 
-/// What the mesh has.
+/// Counts the elements of the mesh.
 pub(super) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
     let vertices = if is_text(bytes) { corners_of_text(path, bytes)?.0 } else { 3 * triangles_of_binary(path, bytes)? };
     let counts = Counts { vertices, faces: vertices / 3, corners: vertices, most: 3, double: false };
@@ -49,7 +49,7 @@ fn triangles_of_binary(path: &Path, bytes: &[u8]) -> Result<u64> {
     Ok(count)
 }
 
-/// Vertices of a file of text, and whether it ends as it should.
+/// Number of vertices in STL text, and whether it ends properly.
 fn corners_of_text(path: &Path, bytes: &[u8]) -> Result<(u64, bool)> {
     let (mut vertices, mut ended) = (0u64, false);
     for line in Lines::new(bytes, false) {

@@ -1,6 +1,6 @@
-//! The PLY that a file of another format becomes, as it is being written.
+//! Writes the PLY that a file of another format is converted to.
 //!
-//! Records stream through one buffer; nothing is held.
+//! Records are streamed through one buffer.
 
 use crate::base::{Error, Result};
 use crate::mesh::output::Gather;
@@ -8,12 +8,12 @@ use crate::mesh::ply::header::{Encoding, HeaderWriter, Scalar};
 use crate::store::Run;
 use std::path::Path;
 
-/// What to do about text that is wrong.
+/// The remedy for invalid text.
 pub(super) const CORRECT: &str = "correct the file or export it again";
-/// Records between two looks at the stop flag, and between two writes.
+/// Records between two checks of the stop flag, and between two writes.
 const CHUNK: usize = 1 << 12;
 
-/// What a mesh has.
+/// Element counts of a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Vertices.
@@ -24,12 +24,12 @@ pub struct Counts {
     pub corners: u64,
     /// Corners of the largest face.
     pub most: u64,
-    /// Whether coordinates will have 8 bytes.
+    /// Whether coordinates are stored in 8 bytes.
     pub double: bool,
 }
 
 impl Counts {
-    /// Bytes of the PLY that the mesh becomes, and of what is decoded from that.
+    /// Bytes of the PLY that the mesh is converted to, and of what is decoded from that.
     pub fn bytes(&self) -> u64 {
         let vertices = if self.double { 24 } else { 12 } * self.vertices;
         let decoded = if self.corners == 3 * self.faces { 0 } else { 4 * self.corners + 8 * self.faces };
@@ -83,7 +83,8 @@ impl Target<'_, '_> {
         self.settle()
     }
 
-    /// The next corner of the face begun last, vertex `number` from 0, `line` of the file.
+    /// Adds a corner to the current face: vertex `number` from 0, or an error that shows the number `shown` and the
+    /// `line` of the file.
     pub(super) fn corner(&mut self, number: Option<i64>, shown: i64, line: u64) -> Result<()> {
         let vertices = self.counts.vertices;
         match number.and_then(|number| u64::try_from(number).ok()).filter(|&number| number < vertices) {
@@ -101,7 +102,7 @@ impl Target<'_, '_> {
     }
 }
 
-/// Refuses more vertices than a face can name.
+/// Rejects more vertices than a face can index.
 pub(super) fn check(path: &Path, counts: Counts) -> Result<()> {
     if counts.vertices > i32::MAX as u64 {
         return Err(Error::unusable(path, "has more than 2^31 vertices", "cut it into several meshes"));

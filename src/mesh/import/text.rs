@@ -1,4 +1,4 @@
-//! Meshes of text, read line by line: OBJ and OFF, whatever ends a line. Nothing is held.
+//! Text meshes, read line by line: OBJ and OFF, with any line ending. Needs no memory.
 
 use super::target::{CORRECT, Counts, Target, check};
 use crate::base::{Error, Result};
@@ -11,23 +11,23 @@ use std::path::Path;
 pub(super) struct Line<'a> {
     /// From 1.
     pub number: u64,
-    /// Without what ends it and without a remark.
+    /// Without its line ending and without a comment.
     pub text: &'a [u8],
 }
 
-/// `bytes` without the mark of their order that some programs put in front.
+/// `bytes` without a byte-order mark.
 pub(super) fn without_mark(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }
 
-/// `text` without the zeros, or the end of file of DOS, that some programs put behind.
+/// `text` without trailing zeros, or the DOS end-of-file character, that some programs append.
 pub(super) fn without_padding(text: &[u8]) -> &[u8] {
     let end = text.iter().rposition(|byte| !matches!(byte, 0 | 0x1a)).map_or(0, |last| last + 1);
     &text[..end]
 }
 
-/// The lines that are not blank; `#` begins a remark ([`remark`]). With `joined`, as in OBJ, a backslash at the end
-/// goes on with the next line.
+/// The lines that are not blank; `#` starts a comment ([`remark`]). With `joined`, as in OBJ, a backslash at the end
+/// continues on the next line.
 pub(super) struct Lines<'a> {
     rest: &'a [u8],
     number: u64,
@@ -40,7 +40,7 @@ impl<'a> Lines<'a> {
         Self { rest: without_mark(bytes), number: 0, joined }
     }
 
-    /// Where the line ends, and where the next begins.
+    /// The end of the line, and the start of the next one.
     fn end(&self, from: usize) -> (usize, usize) {
         let rest = &self.rest[from..];
         let end = from + rest.iter().position(|&byte| byte == b'\n' || byte == b'\r').unwrap_or(rest.len());
@@ -49,8 +49,8 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// Where a remark begins in a line. Not within the numbers of Microsoft's library (`1.#INF`), nor, `in_obj`, after the
-/// names of materials and their libraries, which may hold a `#` (`Material #2`) and go on to the end of the line.
+/// Where a comment starts in a line. A `#` is no comment within numbers of Microsoft's library (`1.#INF`), nor,
+/// `in_obj`, in names of materials and their libraries (`Material #2`), which go on to the end of the line.
 #[inline]
 fn remark(text: &[u8], in_obj: bool) -> Option<usize> {
     let mut from = 0;
@@ -82,7 +82,7 @@ impl<'a> Iterator for Lines<'a> {
             self.rest = &self.rest[next..];
             let text = match text.first() {
                 Some(b'#') => &[][..],
-                // Most lines have no remark; only where numbers are followed by one is it looked for.
+                // Most lines have no comment; look for one only if something follows the numbers.
                 _ => remark(text, self.joined).map_or(text, |at| &text[..at]),
             }
             .trim_ascii();
@@ -102,7 +102,7 @@ impl<'a> Line<'a> {
         self.text.split(|&byte| byte <= b' ' || byte == b'\\').filter(|word| !word.is_empty())
     }
 
-    /// The next three numbers of `words`; more do not matter.
+    /// Parses the next three numbers of `words` as a position; further ones are ignored.
     pub(super) fn place(&self, mut words: impl Iterator<Item = &'a [u8]>, of: Scalar, path: &Path) -> Result<[f64; 3]> {
         let mut place = [0.; 3];
         for x in &mut place {
@@ -119,13 +119,13 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Wavefront OBJ: `v` and `f` lines; texture coordinates, normals, groups, materials, lines and points are passed over.
+/// Wavefront OBJ: `v` and `f` lines; texture coordinates, normals, groups, materials, lines and points are ignored.
 ///
-/// Negative numbers of vertices count back from the line they stand on. Curves and surfaces have no faces to cut.
+/// Negative vertex numbers count back from the current line. Curves and surfaces have no faces to cut.
 pub(super) mod obj {
     use super::*;
 
-    /// What the mesh has.
+    /// Counts the elements of the mesh.
     pub(crate) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
         let mut counts = Counts { double: true, ..Counts::default() };
         for line in Lines::new(bytes, true) {
@@ -178,20 +178,20 @@ pub(super) mod obj {
     }
 }
 
-/// OFF, of text: one vertex per line, then one face per line; colours, normals and texture coordinates are passed over.
+/// Text OFF: one vertex per line, then one face per line; colours, normals and texture coordinates are ignored.
 ///
-/// The keyword may carry `C`, `N`, `ST`; the counts may stand beside it. Binary files and points in four or
-/// n dimensions are refused.
+/// The keyword may have the prefixes `C`, `N` or `ST`; the counts may be on its line. Binary files and points in four
+/// or n dimensions are rejected.
 pub(super) mod off {
     use super::*;
 
-    /// Whether `word` is a keyword of OFF, of any dimension.
+    /// Whether `word` is an OFF keyword, of any dimension.
     pub(crate) fn is_keyword(word: &[u8]) -> bool {
         let Some(front) = word.strip_suffix(b"OFF") else { return false };
         front.len() <= 5 && front.iter().all(|byte| b"STCN4n".contains(byte))
     }
 
-    /// The lines after the counts, and what the header promises.
+    /// The lines after the counts, and the counts of vertices and faces.
     fn open<'a>(path: &Path, bytes: &'a [u8]) -> Result<(Lines<'a>, u64, u64)> {
         let mut lines = Lines::new(bytes, false);
         let missing = || Error::malformed(path, "header", "the numbers of vertices and faces are missing", CORRECT);
@@ -219,22 +219,22 @@ pub(super) mod off {
         Ok((lines, count(0)?, count(1)?))
     }
 
-    /// The next line, which must be there.
+    /// The next line; a missing one is an error.
     fn next<'a>(lines: &mut Lines<'a>, what: &str, k: u64, path: &Path) -> Result<Line<'a>> {
         let missing = || Error::malformed(path, format!("{what} {k}"), "the file ends here", CUT_SHORT);
         lines.next().ok_or_else(missing)
     }
 
-    /// How many corners the face on `line` has.
+    /// The number of corners of the face on `line`.
     fn corners(line: &Line, path: &Path) -> Result<u64> {
         let word = line.words().next().unwrap_or_default();
         let number = integer_of(word).and_then(|number| u64::try_from(number).ok());
-        // More corners than the line has bytes: no need to look for them.
+        // A count above the number of bytes in the line must be wrong.
         let number = number.filter(|&number| number <= line.text.len() as u64);
         number.ok_or_else(|| line.wrong(path, &format!("{} is no number of corners that follow", shown(word))))
     }
 
-    /// What the mesh has.
+    /// Counts the elements of the mesh.
     pub(crate) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
         let (mut lines, vertices, faces) = open(path, bytes)?;
         let mut counts = Counts { vertices, double: true, ..Counts::default() };

@@ -1,9 +1,8 @@
-//! An opened PLY file, kept to copy what an output does not change, and to read properties of vertices
-//! and faces.
+//! An opened PLY file, kept to copy what an output does not change, and to read properties of vertices and faces.
 //!
-//! A [`Document`] keeps the mapping alive and remembers where each element lies; it holds the header and a few numbers
-//! per element. Properties are read in one pass over the element's records, in the order of the file, and nothing is
-//! held: about 10 ns per record in binary files, 100 ns in text.
+//! A [`Document`] keeps the mapping alive and remembers where each element lies; it stores the header and a few numbers
+//! per element. Properties are read in one pass over the element's records, in file order, without buffering: about 10
+//! ns per record in binary files, 100 ns in text.
 
 use super::header::{CUT_SHORT, Encoding, Header, HeaderWriter, Kind, Line, Scalar};
 use super::values::{Binary, Cursor, Fault, Text};
@@ -13,7 +12,7 @@ use crate::store::{MappedBytes, Run};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Records between two looks at the stop flag.
+/// Records between two checks of the stop flag.
 const CHUNK: usize = 1 << 14;
 /// Bytes copied at a time.
 const COPY: usize = 1 << 22;
@@ -26,9 +25,9 @@ pub struct Document {
     pub(in crate::mesh) header: Header,
     /// The uncompressed file.
     pub(in crate::mesh) bytes: MappedBytes,
-    /// Whether that is the file at the path itself: a PLY, neither compressed nor streamed.
+    /// Whether `bytes` are the file at the path itself: a PLY, neither compressed nor streamed.
     pub(in crate::mesh) is_file: bool,
-    /// The bytes of each element, without blanks around them where they are text.
+    /// The bytes of each element, without surrounding blanks in text.
     pub(in crate::mesh) ranges: Vec<Range<usize>>,
     /// Number of the element that holds the vertices.
     pub(in crate::mesh) vertex: usize,
@@ -40,7 +39,7 @@ pub struct Document {
     pub(in crate::mesh) list: usize,
     /// Whether that element holds triangle strips.
     pub(in crate::mesh) strips: bool,
-    /// Bytes of every face's record where all are equal in size and layout (binary only).
+    /// Record size of a face, if all are equal in size and layout (binary only).
     pub(in crate::mesh) face_bytes: Option<usize>,
 }
 
@@ -53,7 +52,7 @@ pub enum ElementKind {
     Faces,
 }
 
-/// A property of which each vertex or each face has one number.
+/// A property with one number per vertex or face.
 #[derive(Clone, Copy, Debug)]
 pub struct NumberProperty<'a> {
     document: &'a Document,
@@ -74,7 +73,7 @@ impl Document {
         &self.header
     }
 
-    /// The number of records of `element` if there are `faces` faces, which strips may have become.
+    /// The number of records of `element` if there are `faces` faces, which may come from strips.
     pub(super) fn count(&self, element: usize, faces: usize) -> usize {
         if element == self.face { faces } else { self.header.elements[element].count }
     }
@@ -94,18 +93,17 @@ impl Document {
         self.bytes.is_empty()
     }
 
-    /// The bytes of the uncompressed file, as for a checksum that tells whether a stage's input
-    /// is still the same.
+    /// The bytes of the uncompressed file, such as for a checksum.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// Whether [`Document::bytes`] are those of the file at the path, which may have changed since it was opened.
+    /// Whether [`Document::bytes`] are the file at the path, which may have changed since it was opened.
     pub fn is_file(&self) -> bool {
         self.is_file
     }
 
-    /// The property called `name`, if every vertex or face has one number of it.
+    /// The property called `name`, if it has one number per vertex or face.
     pub fn property(&self, of: ElementKind, name: &str) -> Option<NumberProperty<'_>> {
         let element = match of {
             ElementKind::Vertices => self.vertex,
@@ -119,11 +117,10 @@ impl Document {
         }
     }
 
-    /// The values of the face property `name`: one number from 0 on for each face, in the order of the file; 4 bytes
-    /// per face.
+    /// The values of the face property `name`: one non-negative number per face, in file order; 4 bytes per face.
     ///
     /// # Errors
-    /// [`Error::Unusable`] where there is no such property or it is no integer, [`Error::Malformed`] naming the face
+    /// [`Error::Unusable`] if there is no such property or it is not an integer, [`Error::Malformed`] naming the face
     /// whose value is negative or beyond 32 bits, [`Error::Cancelled`].
     pub fn face_property(&self, name: &str, run: &Run) -> Result<Vec<u32>> {
         let mut values = Vec::with_capacity(self.header.elements[self.face].count);
@@ -134,7 +131,7 @@ impl Document {
         Ok(values)
     }
 
-    /// Calls `visit(value)` for every face in order, with what [`Document::face_property`] gives.
+    /// Calls `visit(value)` for every face in order, with the values of [`Document::face_property`].
     ///
     /// # Errors
     /// As there, and those of `visit`.
@@ -159,9 +156,8 @@ impl Document {
         })
     }
 
-    /// Calls `visit(face, numbers)` for every face in order, with the integers of the properties called `names`, such
-    /// as a label and a colour; a name that no property has gives 0. Floating-point numbers lose their fraction, and
-    /// NaN is -1.
+    /// Calls `visit(face, numbers)` for every face in order, with the properties called `names` as integers, such as a
+    /// label and a colour. A missing property gives 0. Floating-point numbers lose their fraction, and NaN becomes -1.
     ///
     /// # Errors
     /// Those of `visit`; [`Error::Malformed`] should the file have changed since it was opened; [`Error::Cancelled`].
@@ -174,7 +170,7 @@ impl Document {
         self.of_faces(names, run, visit)
     }
 
-    /// As [`Document::for_each_face`], with the numbers as they stand.
+    /// As [`Document::for_each_face`], with floating-point numbers.
     ///
     /// # Errors
     /// As [`Document::for_each_face`].
@@ -248,7 +244,7 @@ impl Document {
         Ok(())
     }
 
-    /// Copies an element as it stands.
+    /// Copies an element unchanged.
     pub(super) fn copy_element(&self, number: usize, out: &mut Gather, run: &Run) -> Result<()> {
         let range = self.ranges[number].clone();
         for piece in self.bytes[range.clone()].chunks(COPY) {
@@ -282,9 +278,9 @@ impl Document {
     }
 
     /// The header of a copy of the file in encoding `target`, with `count` records of each element: the properties that
-    /// are `kept` (element, property), and behind those of an element what is `added` to it. New remarks stand before
-    /// the first element, stale ones go. Triangle strips become faces that have only their corners and what is added;
-    /// an element of no faces beside them goes.
+    /// are `kept` (element, property), and after those of an element the ones `added` to it. New comments are put
+    /// before the first element, stale ones are dropped. Triangle strips become faces that have only their corners and
+    /// what is added; an empty face element beside them is dropped.
     pub(super) fn header_of_copy(
         &self,
         target: Encoding,
@@ -299,7 +295,8 @@ impl Document {
                 out.property(name, scalar);
             }
         };
-        // Strips are read where the faces are none; both under one name would be no PLY.
+        // With strips, the face element is empty; keeping it would give two elements of the same name, which is not
+        // valid PLY.
         let is_gone = |element: usize| self.strips && element != self.face && self.header.elements[element].is("face");
         let mut open = None;
         for line in &self.header.lines {
@@ -338,7 +335,8 @@ impl Document {
 }
 
 impl NumberProperty<'_> {
-    /// Calls `visit(record, number)` for every vertex or face in order. `f64` holds every type of the format exactly.
+    /// Calls `visit(record, number)` for every vertex or face in order. `f64` represents every type of the format
+    /// exactly.
     ///
     /// # Errors
     /// Those of `visit`; [`Error::Malformed`] should the file have changed since it was opened; [`Error::Cancelled`].
@@ -347,21 +345,21 @@ impl NumberProperty<'_> {
     }
 }
 
-/// How the remarks of a copy differ.
+/// How the comments of a copy differ.
 #[derive(Clone, Copy)]
 pub(super) struct Remarks<'a> {
-    /// Those that stand before the first element.
+    /// Comments to put before the first element.
     pub added: &'a [Vec<u8>],
-    /// Which of the file's are left out.
+    /// Which of the file's comments to drop.
     pub stale: &'a dyn Fn(&[u8]) -> bool,
 }
 
 impl Remarks<'_> {
-    /// All stay, and no others come.
+    /// Keeps all comments and adds none.
     pub const NONE: Remarks<'static> = Remarks { added: &[], stale: &|_| false };
 }
 
-/// What a number is read as.
+/// The type that numbers are read as.
 trait Number: Copy + Default {
     fn read<'a, C: Cursor<'a>>(cursor: &mut C, of: Scalar) -> Result<Self, Fault>;
 }
@@ -371,7 +369,7 @@ impl Number for i64 {
         if !of.is_real() {
             return cursor.integer(of);
         }
-        // No label, as negative ones are.
+        // NaN means no label, as do negative numbers.
         cursor.real(of).map(|x| if x.is_nan() { -1 } else { x as Self })
     }
 }
@@ -438,7 +436,7 @@ mod tests {
 
     #[test]
     fn values_of_faces_come_from_the_budget() {
-        // Regression: hints took 4 bytes per face beside it.
+        // Regression: hints needed another 4 bytes per face.
         let dir = tempfile::tempdir().unwrap();
         let run = Run { budget: Budget::new(1 << 20), ..Run::new(&()) };
         let path = dir.path().join("a.ply");
@@ -455,7 +453,7 @@ mod tests {
 
     #[test]
     fn strips_beside_an_empty_element_of_faces_become_the_only_faces() {
-        // Regression: the output had two elements called face, which other programs refuse.
+        // Regression: the output had two elements called face, which other programs reject.
         let dir = tempfile::tempdir().unwrap();
         let (run, path, out) = (Run::new(&()), dir.path().join("a.ply"), dir.path().join("b.ply"));
         let list = "property list uchar int vertex_indices\n";
@@ -474,7 +472,7 @@ mod tests {
 
     #[test]
     fn vertices_beyond_the_type_of_their_list_are_refused_in_binary() {
-        // Regression: 256 became 0, and the faces of the output were others.
+        // Regression: 256 became 0, so the faces of the output were different.
         let dir = tempfile::tempdir().unwrap();
         let (run, path, out) = (Run::new(&()), dir.path().join("a.ply"), dir.path().join("b.ply"));
         let header = MESH.split_once("property float heat").unwrap().0.replace("vertex 4", "vertex 257");
@@ -490,7 +488,7 @@ mod tests {
 
     #[test]
     fn labels_of_floating_point_are_read_alike_from_text_and_binary() {
-        // Regression: NaN was label 0 in binary files; text with it, and 1.5, was told to be cut short.
+        // Regression: NaN was label 0 in binary files; text with NaN or 1.5 was reported as cut short.
         let dir = tempfile::tempdir().unwrap();
         let (run, path, out) = (Run::new(&()), dir.path().join("a.ply"), dir.path().join("b.ply"));
         for (values, expected) in [("nan -3.5", [[-1, 0], [-3, 0]]), ("1.5 1e30", [[1, 0], [i64::MAX, 0]])] {

@@ -1,6 +1,6 @@
-//! The labelled file put together in parallel: where all faces have records of one size, every byte's place is known.
+//! Writes the labelled file in parallel: if all face records have one size, every byte's position is known.
 //!
-//! Runs at the speed of the page cache; a thread holds [`FACES`] faces.
+//! Runs at the speed of the page cache; a thread buffers [`FACES`] faces.
 
 use super::document::Document;
 use super::header::{CUT_SHORT, Encoding};
@@ -11,37 +11,37 @@ use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
 use std::ops::Range;
 
-/// Faces put together at a time.
+/// Faces assembled at a time.
 const FACES: usize = 1 << 15;
-/// Bytes copied at a time where records are of one size.
+/// Bytes copied at a time.
 const COPY: usize = 1 << 21;
 
-/// How to put a labelled file together where all face records are of one size and the encoding stays: every byte's
-/// place is known, so that chunks are put together and written in parallel, at their places.
+/// The plan of a labelled file whose face records are all of one size and whose encoding is unchanged: the position of
+/// every byte is known, so chunks are assembled and written in parallel.
 pub(super) struct FixedRecords<'a> {
     document: &'a Document,
     labelling: &'a Labelling<'a>,
-    /// Bytes of a face in the input, and those of them that stay.
+    /// Bytes of a face in the input, and the ranges of them that are kept.
     stride: usize,
     pieces: Vec<Range<usize>>,
     /// Bytes of a face in the output.
     size: usize,
     faces: usize,
-    /// What to write, in file order, and where each begins.
+    /// What to write, in file order, and the offset of each.
     jobs: Vec<(Job, u64)>,
     total: u64,
 }
 
 /// A part of the output.
 enum Job {
-    /// Bytes of the input as they stand.
+    /// Bytes of the input, unchanged.
     Copy(Range<usize>),
     /// The chunk of faces of this number.
     Faces(usize),
 }
 
 impl<'a> FixedRecords<'a> {
-    /// The header and the plan of the labelled file; `None` where records differ in size or in encoding.
+    /// The header and the plan of the labelled file; `None` if record sizes or the encoding differ.
     ///
     /// # Errors
     /// [`Error::Malformed`] should the file have changed since it was opened.
@@ -105,7 +105,7 @@ impl<'a> FixedRecords<'a> {
         self.jobs.len()
     }
 
-    /// Part `k`: its place in the output and its bytes, in `buffer` where they are not the input's.
+    /// Part `k`: its offset in the output and its bytes, in `buffer` unless they are the input's.
     pub(super) fn part<'b>(&'b self, k: usize, buffer: &'b mut Vec<u8>) -> (u64, &'b [u8]) {
         let (job, place) = &self.jobs[k];
         match job {
@@ -125,7 +125,7 @@ impl<'a> FixedRecords<'a> {
         let added = self.labelling.size();
         let pairs = buffer.chunks_exact_mut(self.size).zip(records.chunks_exact(self.stride));
         match self.pieces[..] {
-            // Triangles without properties, or with others of no concern, get loops of their own.
+            // Triangles without properties, or only with others that are kept, have specialised loops.
             [Range { start: 0, end: 13 }] if added == 11 && !big => {
                 for (face, (to, from)) in faces.zip(pairs) {
                     to[..13].copy_from_slice(&from[..13]);
@@ -146,7 +146,7 @@ impl<'a> FixedRecords<'a> {
     }
 }
 
-/// The bytes of a face's record that stay, neighbours joined.
+/// The ranges of a face's record that are kept, adjacent ones merged.
 fn stays<'a, C: Cursor<'a>>(document: &'a Document, labelling: &Labelling, start: usize) -> Vec<Range<usize>> {
     let mut cursor = C::new(&document.bytes, start);
     let mut pieces: Vec<Range<usize>> = Vec::new();

@@ -1,9 +1,9 @@
-//! The header of a PLY file: what it says, as data; reading it and writing it.
+//! The header of a PLY file: its data, its parser and its writer.
 //!
-//! Real headers come with CRLF or lone CR, tabs, indentation, comments of 200 kB, `PLY` in capitals
-//! and odd names, so the lines are found and normalised here and then given to `ply-rs-bw`, which
-//! knows the grammar. Remarks (`comment`, `obj_info`) keep their place for the output. Cost: one
-//! pass over the header, which may have [`LIMIT`] bytes, and a copy of it.
+//! Real headers come with CRLF or lone CR, tabs, indentation, comments of 200 kB, `PLY` in capitals and odd names. So
+//! the lines are found and normalised here and then passed to `ply-rs-bw`, which knows the grammar. Comments
+//! (`comment`, `obj_info`) keep their place in the output. Cost: one pass over the header, which may have up to
+//! [`LIMIT`] bytes, and a copy of it.
 
 use crate::base::{Error, Result};
 use ply_rs_bw::parser::Parser;
@@ -11,7 +11,7 @@ use ply_rs_bw::ply::{self, DefaultElement};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// How the payload is written.
+/// The encoding of the payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
     /// Numbers as text.
@@ -84,17 +84,17 @@ impl Scalar {
         matches!(self, Self::F32 | Self::F64)
     }
 
-    /// The type that counts the corners of faces with `most` corners at most: `uchar` where it can.
+    /// The type for corner counts up to `most`: `uchar` if possible.
     pub fn counting(most: u64) -> Self {
         if most <= Self::U8.greatest() { Self::U8 } else { Self::U32 }
     }
 
-    /// The type of coordinates of 64 bits if `double`, else of 32.
+    /// The coordinate type: 64 bits if `double`, else 32.
     pub fn coordinate(double: bool) -> Self {
         if double { Self::F64 } else { Self::F32 }
     }
 
-    /// `value` without its fraction, or the end of the range of this type where it lies beyond; 0 for NaN.
+    /// `value` without its fraction, clamped to the range of this type; 0 for NaN.
     pub fn saturated(self, value: f64) -> i64 {
         let greatest = self.greatest() as i64;
         let least = if matches!(self, Self::I8 | Self::I16 | Self::I32) { -greatest - 1 } else { 0 };
@@ -122,7 +122,7 @@ impl From<Scalar> for Kind {
     }
 }
 
-/// What a property holds for a record.
+/// The kind of value that a property has in each record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// One number.
@@ -145,7 +145,7 @@ impl Kind {
         }
     }
 
-    /// Bytes of a record's value in a binary payload, at the least.
+    /// Minimum size in bytes of a record's value in a binary payload.
     pub fn least_size(self) -> usize {
         match self {
             Self::One(scalar) => scalar.size(),
@@ -168,39 +168,39 @@ pub struct Property {
 pub struct Element {
     /// Its name in the file.
     pub name: String,
-    /// How many records the header promises.
+    /// Number of records stated in the header.
     pub count: usize,
     /// The columns, in file order.
     pub properties: Vec<Property>,
 }
 
 impl Element {
-    /// Bytes of a record in a binary payload at the least: exact where no property is a list.
+    /// Minimum size in bytes of a record in a binary payload: exact if no property is a list.
     pub fn least_size(&self) -> usize {
         self.properties.iter().map(|property| property.kind.least_size()).sum()
     }
 
-    /// Bytes of every record in a binary payload; `None` where a property is a list.
+    /// Size in bytes of every record in a binary payload; `None` if a property is a list.
     pub fn fixed_size(&self) -> Option<usize> {
         let lists = self.properties.iter().any(|property| matches!(property.kind, Kind::List { .. }));
         (!lists).then(|| self.least_size())
     }
 
-    /// Bytes of all records at the least.
+    /// Minimum size in bytes of all records.
     pub(in crate::mesh) fn least_bytes(&self, encoding: Encoding) -> u128 {
         match encoding {
-            // A digit and a blank each, though the last blank may be missing.
+            // A digit and a blank each; the last blank may be missing.
             Encoding::Ascii => (2 * self.properties.len() as u128 * self.count as u128).saturating_sub(1),
             _ => self.least_size() as u128 * self.count as u128,
         }
     }
 
-    /// Where the property called `name` stands.
+    /// The index of the property called `name`.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|property| property.name == name)
     }
 
-    /// Whether the element is called `name`, in any case.
+    /// Whether the element is called `name`, ignoring case.
     pub fn is(&self, name: &str) -> bool {
         self.name.eq_ignore_ascii_case(name)
     }
@@ -210,13 +210,13 @@ impl Element {
 pub const LIMIT: usize = 16 << 20;
 /// Lines that it may have at most.
 const LINES: usize = 1 << 18;
-/// Elements and properties that it may have at most; each is looked at for every record.
+/// Elements and properties that it may have at most; each is processed for every record.
 const STATEMENTS: usize = 1 << 16;
 
 /// A line of the header, for writing it again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// A `comment` or `obj_info` line as it stands, without its line break.
+    /// A `comment` or `obj_info` line, verbatim, without its line break.
     Remark(Vec<u8>),
     /// The start of the element of this number.
     Element(usize),
@@ -243,7 +243,7 @@ impl Header {
         self.lines.iter().filter_map(|line| if let Line::Remark(text) = line { Some(&text[..]) } else { None })
     }
 
-    /// Refuses counts that the file `path` of `len` bytes cannot hold, before anything relies on them.
+    /// Rejects counts that the file `path` of `len` bytes cannot hold, before anything relies on them.
     ///
     /// # Errors
     /// [`Error::Malformed`].
@@ -272,14 +272,14 @@ fn next_line(bytes: &[u8], lone_cr: bool) -> Option<(&[u8], usize)> {
     Some((bytes[..end].trim_ascii(), end + 1))
 }
 
-/// The start of a line as it can be shown in a message of one line.
+/// The start of a line, made printable for a message of one line.
 pub(in crate::mesh) fn shown(line: &[u8]) -> String {
     let cut = &line[..line.len().min(60)];
     let dots = if line.len() > cut.len() { "…" } else { "" };
     format!("\"{}{dots}\"", String::from_utf8_lossy(cut).escape_debug())
 }
 
-/// Whether the file breaks its lines with a lone CR, as old Macs did.
+/// Whether the lines end in a lone CR, as on old Macs.
 fn breaks_with_cr(bytes: &[u8]) -> bool {
     let first = bytes.iter().position(|&byte| byte == b'\r' || byte == b'\n');
     first.is_some_and(|at| bytes[at] == b'\r' && bytes.get(at + 1) != Some(&b'\n'))
@@ -288,8 +288,8 @@ fn breaks_with_cr(bytes: &[u8]) -> bool {
 /// Parses the header at the start of `bytes`.
 ///
 /// # Errors
-/// [`Error::Malformed`] naming `path` and the header's line: no PLY, no end, a line that is no
-/// statement, no format, a list counted by a floating-point number.
+/// [`Error::Malformed`] naming `path` and the header's line: not a PLY, no end, an invalid statement, no format, a list
+/// whose count is a floating-point number.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<Header> {
     let bytes = &bytes[..bytes.len().min(LIMIT)];
     let not_ply = |first: &[u8]| {
@@ -346,19 +346,19 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Header> {
 /// The remedy for files that end too early.
 pub(in crate::mesh) const CUT_SHORT: &str = "the file is cut short or damaged; get it again";
 
-/// The statements of a header, with the names replaced by plain ones (`e0`, `p1`, …): the grammar
-/// knows only names of letters, digits, `_` and `-`, and merges properties of the same name.
+/// The statements of a header, with the names replaced by plain ones (`e0`, `p1`, …): the parser accepts only names of
+/// letters, digits, `_` and `-`, and merges properties of the same name.
 #[derive(Default)]
 struct Statements {
     plain: String,
-    /// Number in the file of each line of `plain` from its second on, and the start of it as it stands there.
+    /// For each line of `plain` from the second on, its line number in the file and the start of the original text.
     originals: Vec<(usize, String)>,
     names: Vec<(String, Vec<String>)>,
     lines: Vec<Line>,
 }
 
 impl Statements {
-    /// Takes one trimmed line; says what is wrong with it.
+    /// Adds one trimmed line; the error is what is wrong with it.
     fn add(&mut self, line: &[u8], number: usize) -> std::result::Result<(), String> {
         let keyword = line.split(u8::is_ascii_whitespace).next().unwrap_or_default();
         match keyword {
@@ -396,7 +396,7 @@ impl Statements {
         Ok(())
     }
 
-    /// Has the library parse the statements, and puts the names back.
+    /// Parses the statements with the library and restores the names.
     fn finish(self, path: &Path, payload: usize) -> Result<Header> {
         let plain = format!("ply\n{}end_header\n", self.plain);
         let parsed = Parser::<DefaultElement>::new().read_ply_header(&mut plain.as_bytes()).map_err(|error| {
@@ -459,7 +459,7 @@ fn scalar_of(scalar: &ply::ScalarType) -> Scalar {
     }
 }
 
-/// A header being written. All headers of the project are put into words here.
+/// Writes a header. All headers of this program are written here.
 ///
 /// ```
 /// use nystrom_stream::mesh::ply::{Encoding, HeaderWriter, Scalar};
@@ -472,7 +472,7 @@ fn scalar_of(scalar: &ply::ScalarType) -> Scalar {
 /// ```
 #[derive(Clone, Debug)]
 pub struct HeaderWriter {
-    /// Bytes and no `String`: remarks of an input need not be Unicode.
+    /// Bytes rather than a `String`: comments of an input need not be Unicode.
     text: Vec<u8>,
 }
 
@@ -482,7 +482,7 @@ impl HeaderWriter {
         Self { text: format!("ply\nformat {} 1.0\n", encoding.word()).into_bytes() }
     }
 
-    /// Adds a `comment` or `obj_info` line, given as a whole without its line break.
+    /// Adds a complete `comment` or `obj_info` line, given without its line break.
     pub fn remark(&mut self, line: impl AsRef<[u8]>) -> &mut Self {
         self.text.extend_from_slice(line.as_ref());
         self.text.push(b'\n');
@@ -494,7 +494,7 @@ impl HeaderWriter {
         self.remark(format!("element {name} {count}"))
     }
 
-    /// Adds a property to the element begun last.
+    /// Adds a property to the current element.
     pub fn property(&mut self, name: &str, kind: impl Into<Kind>) -> &mut Self {
         self.remark(format!("property {} {name}", kind.into().words()))
     }

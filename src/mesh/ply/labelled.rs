@@ -1,11 +1,11 @@
-//! The labelled mesh file: the input with `int label`, `uchar red green blue` and `float quality`
-//! on its faces, and everything else kept.
+//! The labelled mesh file: the input with `int label`, `uchar red green blue` and `float quality` on its faces, and
+//! everything else kept.
 //!
 //! Elements and properties of the input stay, in their order; face properties of the names above are replaced; triangle
-//! strips become faces. On request faces are split along smooth boundaries: the first piece of a face has its place,
-//! the others follow behind all faces, and new vertices behind all vertices. A file whose faces are all of one size is
-//! put together in parallel ([`FixedRecords`]). Any other streams through one buffer at 50–200 MB/s
-//! ([`LabelledWriter`]). A mesh of arrays has no file to be kept; its positions, faces and labels are written.
+//! strips become faces. On request faces are split along smooth boundaries: the first piece of a face takes its place,
+//! the others follow after all faces, and new vertices after all vertices. A file whose face records are all of one
+//! size is written in parallel ([`FixedRecords`]). Any other is streamed through one buffer at 50–200 MB/s
+//! ([`LabelledWriter`]). For a mesh from arrays, its positions, faces and labels are written.
 
 use super::document::Document;
 use super::fixed_records::FixedRecords;
@@ -47,10 +47,9 @@ use std::path::Path;
 /// # }
 /// ```
 ///
-/// # Errors
-/// [`Error::Parameter`] when there is not one label (and one quality) for every face, and for labels beyond `i32`, or
-/// beyond 2²⁴ where vertices have them too; [`Error::Io`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input
-/// have changed since it was opened.
+/// [`Error::Parameter`] if there is not one label (and one quality) per face, and for labels beyond `i32`, or beyond
+/// 2²⁴ if vertices have them too; [`Error::Io`]; [`Error::Cancelled`]; [`Error::Malformed`] if the input has changed
+/// since it was opened.
 pub fn write_labelled(
     mesh: &Mesh,
     out: &Path,
@@ -77,7 +76,7 @@ pub fn write_labelled(
     publish(out, 0, |writer| file.write(out, writer))
 }
 
-/// Writes the labelled file to a stream, `name` in messages: standard output, a socket.
+/// Writes the labelled file to a stream, such as standard output or a socket, called `name` in messages.
 ///
 /// # Errors
 /// As [`write_labelled`].
@@ -94,7 +93,7 @@ pub fn write_labelled_to(
     file.write(Path::new(name), writer)
 }
 
-/// What is written, and how.
+/// What to write, and how.
 struct LabelledFile<'a> {
     mesh: &'a Mesh,
     labelling: &'a Labelling<'a>,
@@ -103,7 +102,7 @@ struct LabelledFile<'a> {
 }
 
 impl LabelledFile<'_> {
-    /// Writes the file to a stream, `path` in messages.
+    /// Writes the file to a stream, called `path` in messages.
     fn write(&self, path: &Path, writer: &mut dyn Write) -> Result<()> {
         let Self { mesh, labelling, options, run } = *self;
         if options.split_vertices {
@@ -135,7 +134,7 @@ impl LabelledFile<'_> {
         out.finish()
     }
 
-    /// The same of a mesh without a file.
+    /// The same for a mesh without a file.
     fn write_arrays(&self, path: &Path, writer: &mut dyn Write) -> Result<()> {
         let Self { mesh, labelling, options, run } = *self;
         if options.split_faces {
@@ -146,7 +145,7 @@ impl LabelledFile<'_> {
             let options = options.form.into();
             return LabelledFile { mesh: &whole.mesh, labelling: &labelling, options, run }.write_arrays(path, writer);
         }
-        // First, since the tally takes all that is left.
+        // Reserved first, since the tally takes all that is left.
         let held = if options.vertex_labels { mesh.positions.len() } else { 0 };
         let bytes = (held * size_of::<Option<u32>>()) as u64;
         let _grant = run.budget.take("labels of vertices", bytes, bytes)?;
@@ -171,7 +170,7 @@ impl LabelledFile<'_> {
         PlainPly { mesh, target, vertices: &vertices, faces: &faces, remarks: &remarks }.write(path, writer, run)
     }
 
-    /// Refuses labels that do not fit the faces, and options that do not go together.
+    /// Rejects labels that do not match the faces, and conflicting options.
     fn check(&self) -> Result<()> {
         let Self { mesh, labelling, options, .. } = *self;
         if options.split_faces && (options.split_vertices || options.vertex_labels) {
@@ -187,19 +186,19 @@ fn write_at(file: &File, bytes: &[u8], place: u64, out: &Path) -> Result<()> {
     std::os::unix::fs::FileExt::write_all_at(file, bytes, place).map_err(Error::io(out, "write"))
 }
 
-/// Records between two looks at the stop flag.
+/// Records between two checks of the stop flag.
 const CHUNK: usize = 1 << 14;
 
-/// A labelled file being written one element after the other, for any encoding in and out: elements that do not change
-/// are copied, faces value by value with the added ones behind.
+/// Writes a labelled file element by element, for any combination of encodings: unchanged elements are copied, faces
+/// are written value by value with the added properties at the end.
 struct LabelledWriter<'a> {
     document: &'a Document,
     mesh: &'a Mesh,
     labelling: &'a Labelling<'a>,
     encoder: Encoder,
-    /// Labels of vertices, where they are wanted.
+    /// Labels of vertices, if requested.
     votes: Option<RefCell<VertexLabels<'a>>>,
-    /// Faces in pieces, where they are wanted.
+    /// Faces in pieces, if requested.
     split: Option<SplitRecords<'a>>,
     run: &'a Run<'a>,
 }
@@ -238,12 +237,12 @@ impl LabelledWriter<'_> {
         Ok(())
     }
 
-    /// Whether values that stay are copied byte by byte.
+    /// Whether kept values are copied byte by byte.
     fn is_verbatim(&self) -> bool {
         self.encoder.target == self.document.header.encoding
     }
 
-    /// The faces that strips became.
+    /// Writes the triangles of strips.
     fn triangles(&self, out: &mut Gather) -> Result<()> {
         let faces = self.mesh.faces.len();
         let encoder = self.encoder;
@@ -276,13 +275,13 @@ impl LabelledWriter<'_> {
         Ok(())
     }
 
-    /// The pieces of each face that is split, or only changes its label.
+    /// The pieces of each face that is split or only changes its label.
     fn changed(&self) -> Peekable<impl Iterator<Item = &[Piece]>> {
         let pieces = self.split.as_ref().map_or(&[][..], |records| &records.split.pieces);
         pieces.chunk_by(|a, b| a.face == b.face).peekable()
     }
 
-    /// An element value by value; the faces with what is added to them.
+    /// Writes an element value by value; faces with their added properties.
     fn rewrite<'b, C: Cursor<'b>>(&'b self, number: usize, out: &mut Gather) -> Result<()> {
         let document = self.document;
         let element = &document.header.elements[number];
@@ -361,7 +360,7 @@ mod tests {
 
     #[test]
     fn labels_of_the_vertices_of_arrays_come_from_the_budget() {
-        // Regression: eight bytes per vertex were held beyond it.
+        // Regression: another eight bytes per vertex were used beyond the budget.
         let points = vec![[0f32; 3]; 1 << 16];
         let mesh = Mesh::from_vecs(points, vec![[0, 1, 2]]).unwrap();
         let labelling = Labelling { labels: &[5], colours: &[], quality: None, names: &[] };
@@ -371,7 +370,7 @@ mod tests {
             write_labelled_to(&mesh, "x.ply", &mut out, &labelling, options, &run).map(|()| out)
         };
         assert!(matches!(written(500_000), Err(Error::Memory { .. })));
-        // The tally goes in blocks.
+        // The tally runs in several blocks here.
         assert_eq!(written(700_000).unwrap(), written(1 << 30).unwrap());
     }
 }

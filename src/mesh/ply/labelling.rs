@@ -1,6 +1,6 @@
 //! Labels, colours and qualities of faces as a PLY holds them, and the options of a labelled file.
 //!
-//! A binary face grows by 7 bytes, or 11 with a quality; nothing is held besides the caller's arrays.
+//! A binary face grows by 7 bytes, or 11 with a quality; nothing is stored besides the caller's arrays.
 
 use super::document::{Document, Remarks};
 use super::header::{Encoding, Scalar};
@@ -13,29 +13,28 @@ use crate::mesh::split_faces::FaceSplit;
 /// The encoding of a labelled file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PlyForm {
-    /// The input's; kept text stays as it stands.
+    /// The input's; kept text stays verbatim.
     #[default]
     Same,
     /// Little-endian.
     Binary,
-    /// Text; floating-point numbers as short as they come back exactly.
+    /// Text; floating-point numbers in the shortest form that reads back exactly.
     Ascii,
 }
 
-/// What a labelled file is to be, besides labelled.
+/// Options of a labelled file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct PlyOptions {
     /// Its encoding.
     pub form: PlyForm,
-    /// Whether each vertex gets the label that most faces around it have, as `float scalar_label` (-1 without faces),
-    /// and its colour, in the place of its own: for programs that know no properties of faces.
+    /// Whether each vertex gets the label of most faces around it, as `float scalar_label` (-1 without faces), and its
+    /// colour, replacing existing properties: for programs that do not read face properties.
     pub vertex_labels: bool,
-    /// Whether parts share no vertex, and vertices have labels and colours; properties of the
-    /// input are left behind then.
+    /// Whether parts share no vertex, and vertices have labels and colours; properties of the input are then dropped.
     pub split_vertices: bool,
-    /// Whether faces are split where smooth boundaries cross them ([`crate::mesh::split_faces`]), in the place of
-    /// boundaries along edges. Not together with the others.
+    /// Whether faces are split where smooth boundaries cross them ([`crate::mesh::split_faces`]), instead of boundaries
+    /// along edges. Cannot be combined with the others.
     pub split_faces: bool,
 }
 
@@ -46,7 +45,7 @@ impl From<PlyForm> for PlyOptions {
 }
 
 impl PlyForm {
-    /// The encoding of an output that may copy `input`.
+    /// The encoding of an output whose input has the encoding `input`.
     pub(super) fn encoding(self, input: Encoding) -> Encoding {
         match self {
             Self::Same => input,
@@ -66,15 +65,15 @@ pub struct Labelling<'a> {
     pub labels: &'a [u32],
     /// One colour (sRGB) per label; grey for labels beyond the last.
     pub colours: &'a [[u8; 3]],
-    /// One quality per face, if there is one.
+    /// One quality per face, optional.
     pub quality: Option<&'a [f32]>,
-    /// One name per label, empty for none; may end early, or be empty as a whole.
+    /// One name per label, empty for none; may be shorter than the labels, or empty as a whole.
     pub names: &'a [String],
 }
 
-/// The remark that says where labels come from.
+/// The comment that names the program.
 const REMARK: &[u8] = b"comment labelled by nystrom-stream";
-/// The colour of labels beyond the last colour.
+/// The colour of labels without a colour.
 const GREY: [u8; 3] = [128; 3];
 
 impl Labelling<'_> {
@@ -83,7 +82,7 @@ impl Labelling<'_> {
         self.names.get(label).map(String::as_str).filter(|name| !name.is_empty())
     }
 
-    /// Refuses labels and qualities that are not one for each of `faces` faces.
+    /// Rejects labels and qualities unless there is one for each of `faces` faces.
     pub(crate) fn fit(&self, faces: usize) -> Result<()> {
         let quality = self.quality.map_or(faces, <[f32]>::len);
         match [("labels", self.labels.len()), ("quality", quality)].into_iter().find(|&(_, count)| count != faces) {
@@ -95,8 +94,8 @@ impl Labelling<'_> {
         }
     }
 
-    /// Refuses labels that a PLY cannot hold: those of faces are an `int`, which every reader knows, those of vertices
-    /// a `float`, which CloudCompare shows and which is exact up to 2²⁴.
+    /// Rejects labels that a PLY cannot hold: those of faces are an `int`, which every reader knows; those of vertices
+    /// are a `float`, which CloudCompare displays and which is exact up to 2²⁴.
     pub(super) fn fit_ply(&self, of_vertices: bool) -> Result<()> {
         let most = if of_vertices { 1 << 24 } else { i32::MAX as u32 };
         match self.labels.iter().max() {
@@ -138,13 +137,12 @@ impl Labelling<'_> {
         if self.quality.is_some() { all } else { &all[..4] }
     }
 
-    /// Bytes that a binary face grows by.
+    /// Bytes added to a binary face.
     pub(super) fn size(&self) -> usize {
         if self.quality.is_some() { 11 } else { 7 }
     }
 
-    /// The added numbers of `face` as a binary file holds them; the first [`Labelling::size`]
-    /// bytes count.
+    /// The added numbers of `face` in binary; only the first [`Labelling::size`] bytes are used.
     #[inline]
     pub(super) fn packed(&self, face: usize, big: bool) -> [u8; 11] {
         let (label, colour) = (self.labels[face], self.colour(face));
@@ -166,13 +164,13 @@ impl Labelling<'_> {
         self.append_piece(face, self.labels[face], encoder, out);
     }
 
-    /// The same of a piece of `face` that has `label`.
+    /// The same for a piece of `face` that has `label`.
     pub(super) fn append_piece(&self, face: usize, label: u32, encoder: Encoder, out: &mut Vec<u8>) {
         self.append_values(label, |quality| quality[face], encoder, out);
     }
 
-    /// Appends the numbers of [`Labelling::properties`] of a face that the mesh does not have, of
-    /// `label` and of no quality.
+    /// Appends the numbers of [`Labelling::properties`] for a face that the mesh does not have, with `label` and no
+    /// quality.
     pub(crate) fn append_added(&self, label: u32, encoder: Encoder, out: &mut Vec<u8>) {
         self.append_values(label, |_| 0., encoder, out);
     }
@@ -187,7 +185,7 @@ impl Labelling<'_> {
         }
     }
 
-    /// The header of the labelled file; `split` has the faces that are split.
+    /// The header of the labelled file; `split` has the split faces.
     pub(super) fn header(
         &self,
         document: &Document,
@@ -220,7 +218,7 @@ impl Labelling<'_> {
     }
 }
 
-/// Which properties of the face element stay: all but those that are written anew.
+/// Which properties of the face element are kept: all but those that are replaced.
 pub(super) fn kept_properties(document: &Document, labelling: &Labelling) -> Vec<bool> {
     let properties = document.header.elements[document.face].properties.iter().enumerate();
     properties
@@ -231,7 +229,7 @@ pub(super) fn kept_properties(document: &Document, labelling: &Labelling) -> Vec
         .collect()
 }
 
-/// The properties that a vertex gets: CloudCompare shows the first as a scalar field called `label`.
+/// The properties that a vertex gets: CloudCompare displays the first as a scalar field called `label`.
 pub(super) const VERTEX_PROPERTIES: [(&str, Scalar); 4] =
     [("scalar_label", Scalar::F32), ("red", Scalar::U8), ("green", Scalar::U8), ("blue", Scalar::U8)];
 

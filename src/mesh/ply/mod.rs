@@ -1,8 +1,8 @@
 //! The PLY format: headers, numbers, and files read and written.
 //!
-//! From the bottom: `header` and `values` know the grammar and the numbers of each encoding; `read` finds
-//! and decodes positions and faces; `document` keeps what a copy of the file needs; [`labelled`],
-//! [`rearranged`] and [`plain`] write.
+//! From the bottom up: `header` and `values` know the grammar and the numbers of each encoding; `read` finds and
+//! decodes positions and faces; `document` keeps what a copy of the file needs; [`labelled`], [`rearranged`] and
+//! [`plain`] write.
 
 pub mod document;
 mod fixed_records;

@@ -1,14 +1,14 @@
-//! Names of parts in the header of a PLY, a remark each: `comment part 3: left arm`.
+//! Names of parts in the header of a PLY, one comment each: `comment part 3: left arm`.
 //!
-//! Other programs ignore remarks and most keep them. Cost: a line per name.
+//! Other programs ignore comments and most keep them. Cost: one line per name.
 
 use super::document::Document;
 
-/// What such remarks begin with.
+/// The prefix of such comments.
 const START: &str = "comment part ";
 
-/// The remarks that tell `names`, one per part, empty for none. Headers are ASCII, and some programs refuse others:
-/// what is none is escaped as in Rust (`K\u{f6}rper`), and so is the backslash.
+/// The comments for `names`, one per part, empty for none. Headers are ASCII, and some programs reject others: other
+/// characters are escaped as in Rust (`K\u{f6}rper`), and so is the backslash.
 pub(super) fn remarks(names: &[String]) -> Vec<Vec<u8>> {
     let escaped = |name: &str| -> String {
         let plain = |c: char| matches!(c, ' '..='~') && c != '\\';
@@ -18,14 +18,14 @@ pub(super) fn remarks(names: &[String]) -> Vec<Vec<u8>> {
     named.map(|(part, name)| format!("{START}{part}: {}", escaped(name)).into_bytes()).collect()
 }
 
-/// The part and its name, where `remark` tells one.
+/// The part and its name, if `remark` is such a comment.
 pub(super) fn told(remark: &[u8]) -> Option<(u32, String)> {
     let text = String::from_utf8_lossy(remark.strip_prefix(START.as_bytes())?);
     let (part, name) = text.split_once(": ")?;
     Some((part.parse().ok()?, unescaped(name)))
 }
 
-/// `text` with the characters that its escapes stand for; what is no escape stays.
+/// `text` with its escapes decoded; invalid escapes stay.
 fn unescaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -44,7 +44,7 @@ fn unescaped(text: &str) -> String {
     out + rest
 }
 
-/// The names that the header of `document` tells, by part: empty for none, and no more than `parts`.
+/// The names of parts in the header of `document`: empty for none, and at most `parts`.
 pub fn names_of(document: &Document, parts: usize) -> Vec<String> {
     let mut names = Vec::new();
     for (part, name) in document.header.remarks().filter_map(told) {
@@ -65,7 +65,7 @@ mod tests {
     fn what_is_told_is_read_again() {
         let names = ["left arm: upper", "", "Kopf ö", "a\\n\nb\t頭 \\u{41}"].map(String::from);
         let remarks = remarks(&names);
-        // Regression: plyfile refuses headers that are not ASCII.
+        // Regression: plyfile rejects headers that are not ASCII.
         assert!(remarks.iter().all(|remark| remark.iter().all(|byte| (b' '..=b'~').contains(byte))));
         let told: Vec<_> = remarks.iter().filter_map(|remark| told(remark)).collect();
         assert_eq!(told, [0, 2, 3].map(|part| (part, names[part as usize].clone())));

@@ -1,7 +1,7 @@
-//! A mesh written with numbers of our own on its vertices and faces: labels, colours, whatever was carried over.
+//! Writes a mesh with custom numbers on its vertices and faces: labels, colours, whatever was carried over.
 //!
-//! Positions as exact as they were, faces, then the columns; other properties of the input are left behind (see
-//! [`super::labelled`] for a writer that keeps them). One sequential pass through a buffer of a mebibyte.
+//! Positions at full precision, faces, then the columns; other properties of the input are dropped (see
+//! [`super::labelled`] for a writer that keeps them). One sequential pass through a buffer of one mebibyte.
 
 use super::header::{Encoding, HeaderWriter, Scalar};
 use super::values::Encoder;
@@ -12,9 +12,9 @@ use crate::store::Run;
 use std::io::Write;
 use std::path::Path;
 
-/// Records between two looks at the stop flag.
+/// Records between two checks of the stop flag.
 const CHUNK: usize = 1 << 14;
-/// The remark that says who wrote the file.
+/// The comment that names the program.
 const REMARK: &str = "comment made by nystrom-stream";
 
 /// One number per vertex or face.
@@ -49,7 +49,7 @@ pub fn write_annotated(path: &Path, mesh: &Mesh, vertices: &[Column], faces: &[C
     publish(path, 0, |file| ply.write(path, file, run))
 }
 
-/// What counts the corners of any of `faces`.
+/// The type of corner counts for `faces`.
 pub(super) fn counting_corners(faces: &Faces) -> Scalar {
     Scalar::counting(match faces {
         Faces::Triangles { .. } => 3,
@@ -57,18 +57,18 @@ pub(super) fn counting_corners(faces: &Faces) -> Scalar {
     })
 }
 
-/// A file of a mesh with columns on its vertices and faces.
+/// A mesh with columns on its vertices and faces, as a file.
 pub(super) struct PlainPly<'a> {
     pub mesh: &'a Mesh,
     pub target: Encoding,
     pub vertices: &'a [Column<'a>],
     pub faces: &'a [Column<'a>],
-    /// More remarks of the header.
+    /// Additional comments of the header.
     pub remarks: &'a [Vec<u8>],
 }
 
 impl PlainPly<'_> {
-    /// Writes the file to a stream, `path` in messages.
+    /// Writes the file to a stream, called `path` in messages.
     pub(super) fn write(&self, path: &Path, writer: &mut dyn Write, run: &Run) -> Result<()> {
         let Self { mesh, target, vertices, faces, remarks } = *self;
         let (count, real) = (counting_corners(&mesh.faces), Scalar::coordinate(mesh.positions.is_double()));

@@ -1,10 +1,9 @@
-//! Reading a payload: one pass finds where each element lies, checks it, and decodes what cannot be
-//! read in place.
+//! Reading a payload: one pass locates each element, checks it, and decodes what cannot be read in place.
 //!
-//! Binary elements without lists are stepped over in no time. Little-endian triangles are verified in place, in
-//! parallel at the speed of memory, about 1 ns per face. Everything else streams through buffers of [`FLUSH`] numbers
-//! into arrays of the scratch folder: a file of triangles, or, from the first other polygon on, corner lists. Triangle
-//! strips are unrolled on the way.
+//! Binary elements without lists are skipped in constant time. Little-endian triangles are verified in place, in
+//! parallel at memory speed, about 1 ns per face. Everything else is streamed through buffers of [`FLUSH`] numbers into
+//! arrays of the scratch folder: triangles, or, from the first other polygon on, corner lists. Triangle strips are
+//! unrolled on the way.
 
 use super::header::{CUT_SHORT, Element, Encoding, Header, Kind, Scalar};
 use super::values::{Binary, Cursor, Fault, Text};
@@ -16,10 +15,10 @@ use crate::store::{MappedBytes, Run};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Records between two looks at the stop flag.
+/// Records between two checks of the stop flag.
 const CHUNK: usize = 1 << 14;
 
-/// A file being decoded: what to look for in it, and where to put it.
+/// A file being decoded: what to look for, and where to put it.
 pub(in crate::mesh) struct Decoder<'a> {
     /// The path as the user gave it.
     pub path: &'a Path,
@@ -37,7 +36,7 @@ pub(in crate::mesh) struct Decoder<'a> {
     pub strips: bool,
 }
 
-/// What the pass found.
+/// The result of the pass.
 pub(in crate::mesh) struct Decoded {
     pub positions: Positions,
     pub faces: Faces,
@@ -48,8 +47,8 @@ pub(in crate::mesh) struct Decoded {
 /// Runs the pass.
 ///
 /// # Errors
-/// [`Error::Malformed`] for payloads cut short, text that is no number, indices out of range;
-/// [`Error::Io`] for the scratch folder; [`Error::Cancelled`].
+/// [`Error::Malformed`] for payloads cut short, invalid numbers, indices out of range; [`Error::Io`] for the scratch
+/// folder; [`Error::Cancelled`].
 pub(in crate::mesh) fn decode(decoder: &Decoder) -> Result<Decoded> {
     match decoder.header.encoding {
         Encoding::Ascii => decoder.walk::<Text>(),
@@ -94,7 +93,7 @@ impl<'a> Decoder<'a> {
         Error::malformed(self.path, place, problem, remedy)
     }
 
-    /// Where a binary element of fixed record size ends.
+    /// The end of a binary element of fixed record size.
     fn end_of_fixed(&self, element: &Element, start: usize) -> Option<Result<usize>> {
         let size = element.fixed_size().filter(|_| self.header.encoding != Encoding::Ascii)?;
         let left = self.bytes.len() - start;
@@ -115,7 +114,7 @@ impl<'a> Decoder<'a> {
         Ok(())
     }
 
-    /// Moves over an element that the mesh does not need.
+    /// Skips an element that the mesh does not need.
     fn skip<C: Cursor<'a>>(&self, cursor: &mut C, element: &Element) -> Result<()> {
         if element.properties.is_empty() {
             return Ok(());
@@ -131,7 +130,7 @@ impl<'a> Decoder<'a> {
         })
     }
 
-    /// The positions: in place where they are packed `float`s or `double`s, else decoded.
+    /// The positions: in place if they are packed `float`s or `double`s, else decoded.
     fn vertices<C: Cursor<'a>>(&self, cursor: &mut C, element: &Element) -> Result<Positions> {
         let kinds = self.axes.map(|axis| element.properties[axis].kind);
         let in_place = match kinds {
@@ -180,7 +179,7 @@ impl<'a> Decoder<'a> {
         Positions::strided(&path, MappedBytes::open(&path)?, layout)
     }
 
-    /// The faces, and the size of their records where it is the same for all.
+    /// The faces, and the size of their records if it is the same for all.
     fn faces<C: Cursor<'a>>(&self, cursor: &mut C, element: &Element) -> Result<(Faces, Option<usize>)> {
         if let Some(found) = self.triangles_in_place(cursor, element)? {
             return Ok(found);
@@ -238,7 +237,7 @@ impl<'a> Decoder<'a> {
         Ok((sink.finish()?, fixed.map(|(size, _)| size)))
     }
 
-    /// The error for a face that names a vertex that does not exist.
+    /// The error for a face with a vertex index out of range.
     fn out_of_range(&self, element: &Element, record: usize, vertex: i64) -> Error {
         let vertices = self.header.elements[self.vertex].count;
         Error::malformed(
@@ -252,11 +251,11 @@ impl<'a> Decoder<'a> {
 
 /// Faces that a thread verifies at a time.
 const VERIFIED: usize = 1 << 16;
-/// Faces after which the verdict is looked at; a branch per face would double the time.
+/// Faces between two checks of the result; a branch per face would double the time.
 const BLOCK: usize = 256;
 
 impl<'a> Decoder<'a> {
-    /// The fast path: little-endian triangles with 4-byte indices, verified where they lie.
+    /// The fast path: little-endian triangles with 4-byte indices, verified in place.
     fn triangles_in_place<C: Cursor<'a>>(
         &self,
         cursor: &mut C,
@@ -283,7 +282,7 @@ impl<'a> Decoder<'a> {
         if let Some(odd) = first_odd(self.run, records, layout, limit)? {
             let mut list = C::new(self.bytes, start + odd * layout.stride + layout.at);
             let size = list.length(count).map_err(|fault| self.error(element, odd, fault))?;
-            // Another polygon: from here on the records lie elsewhere, so what looked odd may be right.
+            // Another polygon: from here on the assumed record size is wrong, so an apparent error may be none.
             if size != 3 {
                 return Ok(None);
             }
@@ -302,7 +301,7 @@ impl<'a> Decoder<'a> {
     }
 }
 
-/// Where triangles of equal size lie.
+/// The record layout of triangles of equal size.
 #[derive(Clone, Copy, Debug)]
 struct Layout {
     /// Bytes from record to record.
@@ -313,7 +312,7 @@ struct Layout {
     count: usize,
 }
 
-/// The first record of `records` whose count is not 3 or that has an index not below `limit`.
+/// The first record of `records` whose count is not 3 or that has an index of `limit` or more.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -322,13 +321,13 @@ fn first_odd(run: &Run, records: &[u8], layout: Layout, limit: u32) -> Result<Op
     let found = run.map_ranges(faces, VERIFIED, |range| {
         let piece = &records[range.start * layout.stride..range.end * layout.stride];
         let odd = match (layout.count, layout.stride) {
-            // The layout of nearly all files gets a loop of its own.
+            // The layout of nearly all files has a specialised loop.
             (1, 13) => scan::<1>(piece, 13, 0, limit),
             (1, stride) => scan::<1>(piece, stride, layout.at, limit),
             (2, stride) => scan::<2>(piece, stride, layout.at, limit),
             (_, stride) => scan::<4>(piece, stride, layout.at, limit),
         };
-        // The decoder reports faces that it reads again.
+        // The decoder counts the progress of faces that it reads again.
         if odd.is_none() {
             run.progress.advance("read", range.len() as u64);
         }
@@ -355,11 +354,11 @@ fn scan<const W: usize>(records: &[u8], stride: usize, at: usize, limit: u32) ->
     None
 }
 
-/// Buffered numbers after which they are written.
+/// Numbers buffered before they are written.
 const FLUSH: usize = 1 << 16;
 
-/// A writer of faces into a folder: `triangles.npy` (u32, faces × 3), or `face_starts.npy` (u64,
-/// faces + 1) and `face_vertices.npy` (u32).
+/// Writes faces into a folder: `triangles.npy` (u32, faces × 3), or `face_starts.npy` (u64, faces + 1) and
+/// `face_vertices.npy` (u32).
 struct FaceSink {
     folder: PathBuf,
     corners: ArrayWriter<u32>,
@@ -371,7 +370,7 @@ struct FaceSink {
 }
 
 impl FaceSink {
-    /// A sink without faces.
+    /// Starts without faces.
     fn create(folder: &Path) -> Result<Self> {
         Ok(Self {
             folder: folder.to_path_buf(),
@@ -389,7 +388,7 @@ impl FaceSink {
         self.faces
     }
 
-    /// Begins a face of `size` corners, which follow by [`FaceSink::corner`].
+    /// Begins a face of `size` corners; [`FaceSink::corner`] adds them.
     #[inline]
     fn begin(&mut self, size: u64) -> Result<()> {
         if size != 3 && self.starts.is_none() {
@@ -407,7 +406,7 @@ impl FaceSink {
         Ok(())
     }
 
-    /// The next corner of the face begun last.
+    /// Adds a corner to the current face.
     #[inline]
     fn corner(&mut self, vertex: u32) -> Result<()> {
         if self.corner_buffer.len() == FLUSH {
@@ -418,7 +417,7 @@ impl FaceSink {
         Ok(())
     }
 
-    /// The triangles so far become the first polygons.
+    /// Converts the triangles so far to polygons.
     fn turn_to_polygons(&mut self) -> Result<()> {
         let path = self.folder.join("triangles.npy");
         // Whole triangles only: the array that is read back has rows of three.
@@ -465,15 +464,15 @@ struct Strip {
 }
 
 impl Strip {
-    /// Takes the next vertex; gives the triangle it closes, unless that repeats a vertex: such
-    /// triangles only lead a strip around a corner.
+    /// Takes the next vertex; returns the triangle that it completes, unless that repeats a vertex: such degenerate
+    /// triangles only steer a strip.
     #[inline]
     fn next(&mut self, vertex: u32) -> Option<[u32; 3]> {
         let [a, b] = self.last;
         self.last = [b, vertex];
         self.seen += 1;
         let real = self.seen >= 3 && a != b && b != vertex && a != vertex;
-        // Every other triangle of a strip is wound the other way round.
+        // Every other triangle of a strip has the opposite winding.
         real.then_some(if self.seen % 2 == 1 { [a, b, vertex] } else { [b, a, vertex] })
     }
 }

@@ -1,10 +1,10 @@
-//! The mesh file in another order: faces at their places, vertices at their numbers, everything else kept.
+//! Writes the mesh file in another order: faces and vertices permuted, everything else kept.
 //!
-//! Records of the two elements are cut into pieces of 16 bytes, which an external sort by place brings in order,
-//! whatever their sizes and encodings; corners, and the ends of an `edge` element, get the vertices' new numbers; other
-//! elements are copied. New numbers are looked up where they lie: 4 bytes per vertex, which should stay in memory where
-//! the file's order is scattered. Cost: 24 bytes per piece through the sort, written and read once where memory does
-//! not hold them; 50–200 MB/s.
+//! Records of the two elements are cut into pieces of 16 bytes, which an external sort by position puts in order,
+//! whatever their sizes and encodings. Corners, and the ends of an `edge` element, are renumbered; other elements are
+//! copied. New vertex numbers are random accesses into 4 bytes per vertex, which should stay in memory if the file's
+//! order is scattered. Cost: 24 bytes per piece through the sort, written and read once where memory does not hold
+//! them; 50–200 MB/s.
 
 use super::document::{Document, Remarks};
 use super::header::{Encoding, Kind, Property, Scalar};
@@ -19,34 +19,34 @@ use crate::store::shuffle::{BudgetedShuffle, Producer};
 use std::io::Write;
 use std::path::Path;
 
-/// Records between two looks at the stop flag.
+/// Records between two checks of the stop flag.
 const CHUNK: usize = 1 << 14;
-/// What is added with [`Rearrangement::original`].
+/// The property added with [`Rearrangement::original`].
 const FACE: &str = "original_face";
 const VERTEX: &str = "original_vertex";
 
 /// A new order of the faces and vertices of a mesh.
 #[derive(Clone, Copy, Debug)]
 pub struct Rearrangement<'a> {
-    /// The place of each face (n): a permutation.
+    /// The new position of each face (n): a permutation.
     pub places: &'a [u32],
     /// The new number of each vertex (v): a permutation.
     pub numbers: &'a [u32],
-    /// Whether faces and vertices get properties that tell their old numbers, `original_face` and `original_vertex`.
+    /// Whether faces and vertices get their old numbers as properties, `original_face` and `original_vertex`.
     pub original: bool,
 }
 
 /// Writes the rearranged file `out`, by rename; `out` may be the file that `mesh` was opened from.
 ///
 /// # Errors
-/// [`Error::Parameter`] where the order does not fit the mesh; [`Error::Unusable`] for a mesh of arrays, which has no
-/// file to rearrange; [`Error::Io`]; [`Error::Memory`]; [`Error::Cancelled`]; [`Error::Malformed`] should the input
-/// have changed since it was opened.
+/// [`Error::Parameter`] if the order does not match the mesh; [`Error::Unusable`] for a mesh from arrays, which has no
+/// file to rearrange; [`Error::Io`]; [`Error::Memory`]; [`Error::Cancelled`]; [`Error::Malformed`] if the input has
+/// changed since it was opened.
 pub fn write(mesh: &Mesh, out: &Path, order: &Rearrangement, form: PlyForm, context: Context<'_>) -> Result<()> {
     publish(out, 0, |file| stream(mesh, out, file, order, form, context))
 }
 
-/// Writes the rearranged file to a stream, `name` in messages.
+/// Writes the rearranged file to a stream, called `name` in messages.
 ///
 /// # Errors
 /// As [`write()`].
@@ -96,12 +96,12 @@ fn stream(
     out.finish()
 }
 
-/// What becomes of an element.
+/// How an element is handled.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Role {
     Faces,
     Vertices,
-    /// Records that name vertices, where they stand.
+    /// Records with vertex indices, in their order.
     Edges,
     Other,
 }
@@ -135,7 +135,7 @@ impl<'a> RearrangedWriter<'a> {
         }
     }
 
-    /// Which properties of an element stay.
+    /// Which properties of an element are kept.
     fn kept_properties(&self, number: usize) -> Vec<bool> {
         let added = self.added(number);
         let stays =
@@ -174,13 +174,13 @@ impl<'a> RearrangedWriter<'a> {
                 });
             }
         };
-        // Text of another encoding can be longer or shorter; only the number of buckets depends on it.
+        // Text in another encoding can be longer or shorter; this affects only the number of buckets.
         let bytes = document.ranges[number].len().max(element.least_size() * element.count);
         let produce = |push: Push<'_>| self.records::<C>(number, |record, bytes| push(record, bytes));
         sorted(places, bytes, out, self.context, &produce)
     }
 
-    /// The records of an element in the order of the file, as the output is to have them.
+    /// The records of an element in file order, encoded for the output.
     fn records<C: Cursor<'a>>(&self, number: usize, mut each: impl FnMut(usize, &[u8]) -> Result<()>) -> Result<()> {
         let document = self.document;
         let element = &document.header.elements[number];
@@ -225,7 +225,7 @@ impl<'a> RearrangedWriter<'a> {
         Ok(())
     }
 
-    /// The faces that strips became.
+    /// The triangles of strips.
     fn strips(&self, push: &mut dyn FnMut(usize, &[u8]) -> Result<()>) -> Result<()> {
         let faces = self.mesh.faces.len();
         let (mut record, encoder) = (Vec::new(), self.encoder);
@@ -247,13 +247,13 @@ impl<'a> RearrangedWriter<'a> {
         Ok(())
     }
 
-    /// A list of corners, with the vertices' new numbers.
+    /// Writes a list of corners with new vertex numbers.
     fn corners<C: Cursor<'a>>(&self, cursor: &mut C, kind: Kind, out: &mut Vec<u8>) -> Result<(), Fault> {
         let new = |v: i64| self.order.numbers.get(usize::try_from(v).ok()?).map(|&new| i64::from(new));
         self.encoder.vertices(cursor, kind, new, out)
     }
 
-    /// An edge's end; what is no vertex stays as it is.
+    /// Writes an end of an edge with its new number; an invalid index is kept.
     fn end<C: Cursor<'a>>(&self, cursor: &mut C, kind: Kind, out: &mut Vec<u8>) -> Result<(), Fault> {
         let Kind::One(scalar) = kind else { return self.encoder.value(cursor, kind, out) };
         let v = cursor.integer(scalar)?;
@@ -266,23 +266,23 @@ impl<'a> RearrangedWriter<'a> {
     }
 }
 
-/// Whether a property of an `edge` is an end of it.
+/// Whether a property of an `edge` element is a vertex index.
 fn names_vertex(property: &Property) -> bool {
     let integer = matches!(property.kind, Kind::One(scalar) if !scalar.is_real());
     integer && ["vertex1", "vertex2", "vertex_1", "vertex_2"].contains(&property.name.as_str())
 }
 
-/// Bytes of a record in a piece: records are cut into pieces, each with its record's place and its own number, so that
-/// the sort sees items of one size.
+/// Record bytes in a piece: records are cut into pieces, each with its record's position and its own index, so that the
+/// sort sees items of one size.
 const PIECE: usize = 16;
 
-/// Place, number of the piece · 32 + bytes, and the bytes.
+/// Position, index of the piece · 32 + number of bytes, and the bytes.
 type Piece = [u32; 2 + PIECE / 4];
 
-/// Where records go as they are made: number and bytes.
+/// Receives records as they are made: number and bytes.
 type Push<'a> = &'a mut dyn FnMut(usize, &[u8]) -> Result<()>;
 
-/// Has `produce` make records, about `bytes` in all, record r of place `places[r]`, and writes them by place.
+/// Calls `produce` to make records, about `bytes` in all, and writes record r at position `places[r]`.
 fn sorted(
     places: &[u32],
     bytes: usize,
@@ -291,7 +291,7 @@ fn sorted(
     produce: &dyn Fn(Push<'_>) -> Result<()>,
 ) -> Result<()> {
     let n = places.len().max(1);
-    // A bucket waits as its bytes, four per thread, while one is sorted.
+    // Up to four sorted buckets per thread wait as bytes while another is sorted.
     let (pieces, copies) = ((bytes / PIECE + n) as u64, 6 * run.threads as u64);
     let sized = BudgetedShuffle::<Piece>::new(&work.file("pieces.tmp"), "records", pieces, copies, 1, run)?;
     let shuffle = &sized.shuffle;
@@ -348,7 +348,7 @@ mod tests {
         let said = written(&turned, PlyForm::Binary).unwrap_err().to_string();
         assert!(said.contains("edge 0: vertex 299 does not go with the type"), "{said}");
         assert!(written(&turned, PlyForm::Ascii).unwrap().ends_with(b"299 298\n99 -1\n"));
-        // What is no vertex stays.
+        // Invalid indices are kept.
         let kept: Vec<u32> = (0..VERTICES).collect();
         assert!(written(&kept, PlyForm::Binary).unwrap().ends_with(&[0, 1, 200, 255]));
     }

@@ -1,10 +1,9 @@
-//! The records that a labelled file gets where faces are split: new vertices, and pieces of faces.
+//! The records that are added to a labelled file where faces are split: new vertices, and pieces of faces.
 //!
-//! A new vertex has each property of the vertices that it lies between: the mean of floating-point numbers, and the
-//! value of the nearest one for all others. A piece has all properties of its face; lists with the same number of
-//! floating-point values for each corner (`texcoord`) are interpolated like those of vertices. Records are read
-//! again where they lie: 8 bytes of memory per vertex next to a new one. Another 100 ns per vertex of the file where
-//! its records differ in size.
+//! A new vertex interpolates the vertices that it lies between: the mean of floating-point properties, and the nearest
+//! one's value of all others. A piece has all properties of its face; lists with the same number of floating-point
+//! values for each corner (`texcoord`) are interpolated like those of vertices. Records are read again in place: 8
+//! bytes of memory per vertex next to a new one. Another 100 ns per vertex of the file if its record sizes differ.
 
 use super::document::Document;
 use super::header::{Encoding, Kind, Scalar};
@@ -15,7 +14,7 @@ use crate::mesh::output::Gather;
 use crate::mesh::split_faces::{FaceSplit, NewVertex, Piece};
 use crate::store::Run;
 
-/// Records between two looks at the stop flag.
+/// Records between two checks of the stop flag.
 const CHUNK: usize = 1 << 14;
 
 /// What the records are made of.
@@ -28,7 +27,7 @@ pub(super) struct SplitRecords<'a> {
 }
 
 impl SplitRecords<'_> {
-    /// Refuses files whose types have no room for what is added.
+    /// Rejects files whose types cannot hold the added numbers.
     ///
     /// # Errors
     /// [`Error::Unusable`].
@@ -53,7 +52,7 @@ impl SplitRecords<'_> {
         }
     }
 
-    /// Writes the new vertices behind those of the file, whose element has `number`.
+    /// Writes the new vertices after those of the file, whose element has `number`.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`]; [`Error::Malformed`] should the file have changed since it was opened.
@@ -111,7 +110,7 @@ impl SplitRecords<'_> {
         Ok(())
     }
 
-    /// Where the records of `sources`, ascending, begin.
+    /// The offsets of the records of `sources`, ascending.
     fn places<'b, C: Cursor<'b>>(&'b self, number: usize, sources: &[u32]) -> Result<Vec<usize>> {
         let document = self.document;
         let (element, range) = (&document.header.elements[number], document.ranges[number].clone());
@@ -135,7 +134,7 @@ impl SplitRecords<'_> {
         Ok(places)
     }
 
-    /// Appends the properties of a face that are `kept` as `piece` of it has them; `cursor` stands before its record.
+    /// Appends the `kept` properties of a face for `piece` of it; `cursor` stands before its record.
     ///
     /// # Errors
     /// [`Error::Malformed`] should the file have changed since it was opened.
@@ -169,7 +168,7 @@ impl SplitRecords<'_> {
         piece.corners.iter().for_each(|&v| self.encoder.scalar(item, v.into(), out));
     }
 
-    /// A list of a face as its piece has it.
+    /// Writes a list of a face for its piece.
     fn list<'b, C: Cursor<'b>>(
         &self,
         cursor: &mut C,
@@ -202,7 +201,7 @@ impl SplitRecords<'_> {
     }
 }
 
-/// The mean of `values`; what has no weight may be anything.
+/// The weighted mean of `values`; a value of weight 0 may be anything, even NaN.
 fn weighted(values: [f64; 3], weights: [f64; 3]) -> f64 {
     (0..3).filter(|&k| weights[k] != 0.).map(|k| weights[k] * values[k]).sum()
 }

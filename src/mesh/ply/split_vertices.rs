@@ -1,9 +1,9 @@
-//! A labelled mesh whose parts share no vertex, for programs that know colours of vertices alone:
-//! boundaries stay sharp there.
+//! Writes a labelled mesh whose parts share no vertex, for programs that read only vertex colours: boundaries stay
+//! sharp there.
 //!
-//! A vertex of the mesh stays with the part of its first face; each other part that meets there gets a copy of it at
-//! the end. Positions as exact as they were, labels, colours and qualities; other properties of the input are left
-//! behind. Memory: 4 bytes per vertex, and 8 per corner on a boundary, from the budget.
+//! A vertex stays with the part of its first face; each other part that meets there gets a copy of it at the end.
+//! Positions at full precision, labels, colours and qualities; other properties of the input are dropped. Memory: 4
+//! bytes per vertex, and 8 per corner on a boundary, from the budget.
 
 use super::header::{Encoding, HeaderWriter, Scalar};
 use super::labelling::{Labelling, PlyForm, VERTEX_PROPERTIES};
@@ -18,9 +18,9 @@ use crate::store::budget::Grant;
 use std::io::Write;
 use std::path::Path;
 
-/// Records between two looks at the stop flag.
+/// Records between two checks of the stop flag.
 const CHUNK: usize = 1 << 14;
-/// The label of a vertex that no face has.
+/// The label of a vertex without a face.
 const NONE: u32 = u32::MAX;
 
 /// The vertices of each part.
@@ -73,7 +73,7 @@ impl Split {
     }
 }
 
-/// Writes `mesh` to a stream, `path` in messages.
+/// Writes `mesh` to a stream, called `path` in messages.
 ///
 /// # Errors
 /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].

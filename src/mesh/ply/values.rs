@@ -1,8 +1,7 @@
-//! The numbers of a payload, text or binary: read one after the other, and written.
+//! The numbers of a payload, text or binary: a sequential reader, and a writer.
 //!
-//! A cursor moves over mapped bytes and allocates nothing; it is generic, so that each encoding
-//! gets its own compiled loop: 2–5 ns per binary number, 15–30 ns per number in text. An encoder appends to a
-//! buffer, 5–50 ns per number.
+//! A cursor moves over mapped bytes and allocates nothing; it is generic, so that each encoding gets its own compiled
+//! loop: 2–5 ns per binary number, 15–30 ns per number in text. An encoder appends to a buffer, 5–50 ns per number.
 
 use super::header::{Encoding, Kind, Scalar, shown};
 use std::io::Write as _;
@@ -10,9 +9,9 @@ use std::io::Write as _;
 /// Why a number could not be read.
 #[derive(Debug)]
 pub(super) enum Fault {
-    /// The bytes end.
+    /// Unexpected end of the bytes.
     End,
-    /// The text is no number, or not of the property's type.
+    /// The text is not a number, or not of the property's type.
     Text(String),
     /// A list has a negative length.
     Length(i64),
@@ -26,9 +25,9 @@ pub(super) trait Cursor<'a> {
     fn integer(&mut self, of: Scalar) -> Result<i64, Fault>;
     /// The next number, rounded to `of` where that is a floating-point type.
     fn real(&mut self, of: Scalar) -> Result<f64, Fault>;
-    /// Moves over `items` numbers.
+    /// Skips `items` numbers.
     fn skip(&mut self, of: Scalar, items: u64) -> Result<(), Fault>;
-    /// Moves to the first byte of the next number, and tells it.
+    /// Moves to the first byte of the next number, and returns its offset.
     fn seek(&mut self) -> usize;
     /// The byte after the last number read.
     fn at(&self) -> usize;
@@ -39,7 +38,7 @@ pub(super) trait Cursor<'a> {
         u64::try_from(length).map_err(|_| Fault::Length(length))
     }
 
-    /// Moves over a property's value.
+    /// Skips a property's value.
     fn skip_value(&mut self, kind: Kind) -> Result<(), Fault> {
         match kind {
             Kind::One(scalar) => self.skip(scalar, 1),
@@ -51,7 +50,7 @@ pub(super) trait Cursor<'a> {
     }
 }
 
-/// Numbers as text, separated by anything blank, also by line breaks.
+/// Numbers as text, separated by any whitespace, including line breaks.
 pub(super) struct Text<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -68,11 +67,11 @@ impl<'a> Text<'a> {
     }
 }
 
-/// A floating-point number as any program may have written it.
+/// Parses a floating-point number in any common notation.
 pub(in crate::mesh) fn real_of(token: &[u8], of: Scalar) -> Option<f64> {
     let text = std::str::from_utf8(token).ok()?;
     let parsed = match of {
-        // Parsed as what it is: rounding to f64 first could end one unit off.
+        // Parsed in its own type: rounding to f64 first could be off by one unit in the last place.
         Scalar::F32 => text.parse::<f32>().map(f64::from),
         _ => text.parse::<f64>(),
     };
@@ -89,7 +88,7 @@ pub(in crate::mesh) fn real_of(token: &[u8], of: Scalar) -> Option<f64> {
     })
 }
 
-/// An integer; also one written as `3.0` or `3e0`.
+/// Parses an integer, including ones written as `3.0` or `3e0`.
 #[inline]
 pub(in crate::mesh) fn integer_of(token: &[u8]) -> Option<i64> {
     let (negative, digits) = match token {
@@ -214,7 +213,7 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Reads a value and writes it.
+    /// Copies a value.
     pub(super) fn value<'b, C: Cursor<'b>>(self, cursor: &mut C, kind: Kind, out: &mut Vec<u8>) -> Result<(), Fault> {
         match kind {
             Kind::One(scalar) => self.number(cursor, scalar, out),
@@ -229,8 +228,7 @@ impl Encoder {
         }
     }
 
-    /// Reads a list of vertices and writes it, as `new` numbers them, unless a number is beyond its type: in text it
-    /// need not fit.
+    /// Copies a list of vertices, renumbered by `new`. In binary, a number beyond its type is an error.
     pub(super) fn vertices<'b, C: Cursor<'b>>(
         self,
         cursor: &mut C,
@@ -251,7 +249,7 @@ impl Encoder {
         Ok(())
     }
 
-    /// Writes the length of a list, unless it is too long for its type.
+    /// Writes the length of a list; one too long for its type is an error.
     pub(super) fn length(self, count: Scalar, length: u64, out: &mut Vec<u8>) -> Result<(), Fault> {
         if length > count.greatest() && self.target != Encoding::Ascii {
             return Err(Fault::Length(length as i64));
@@ -270,7 +268,7 @@ impl Encoder {
         Ok(())
     }
 
-    /// Appends an integer; one beyond its type keeps its low bits, as in C.
+    /// Appends an integer; one beyond its type wraps, as in C.
     #[inline]
     pub fn integer(self, scalar: Scalar, value: i64, out: &mut Vec<u8>) {
         if self.target == Encoding::Ascii {
@@ -310,7 +308,7 @@ impl Encoder {
         }
     }
 
-    /// Ends a record: in text, a line break takes the place of the last blank.
+    /// Ends a record: in text, a line break replaces the last blank.
     #[inline]
     pub fn end(self, out: &mut Vec<u8>) {
         if self.target == Encoding::Ascii {

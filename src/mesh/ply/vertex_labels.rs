@@ -1,8 +1,8 @@
-//! One label per vertex: the one that most faces around it have.
+//! One label per vertex: that of most faces around it.
 //!
-//! Labels are tallied in blocks of vertices as large as the budget allows, each with a pass over the faces. A vertex
-//! has room for [`KINDS`] labels, so its answer is exact where no more meet there, on fewer than 65,536 faces each; 20
-//! bytes per vertex.
+//! Labels are tallied in blocks of vertices as large as the budget allows, with one pass over the faces per block. A
+//! vertex has room for [`KINDS`] labels, so its result is exact if no more meet there, on fewer than 65,536 faces each;
+//! 20 bytes per vertex.
 
 use crate::base::Result;
 use crate::mesh::geometry::Mesh;
@@ -11,12 +11,12 @@ use crate::store::budget::Grant;
 
 /// Labels tallied per vertex.
 const KINDS: usize = 3;
-/// Vertices of a block at the least, where there are as many.
+/// Minimum number of vertices in a block, if there are as many.
 const LEAST: usize = 1 << 12;
-/// Faces between two looks at the stop flag.
+/// Faces between two checks of the stop flag.
 const CHUNK: usize = 1 << 16;
 
-/// The labels met at a vertex and how often.
+/// The labels at a vertex and their counts.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     labels: [u32; KINDS],
@@ -31,24 +31,24 @@ impl Tally {
                 self.labels[k] = label;
                 self.counts[k] = self.counts[k].saturating_add(1);
             }
-            // Four labels once each: one of them it has to be.
+            // Four different labels, one face each: any of them will do.
             None if self.counts == [1; KINDS] => {
                 let least = self.labels.into_iter().fold(label, u32::min);
                 (self.labels[0], self.counts) = (least, [1, 0, 0]);
             }
-            // A label too many takes one off each, so that what most faces have stays.
+            // One label too many: decrement all counts, so that a label of most faces stays (Misra–Gries).
             None => self.counts.iter_mut().for_each(|count| *count -= 1),
         }
     }
 
-    /// The label met most; the smallest of several.
+    /// The most frequent label; of several, the smallest.
     fn most(&self) -> Option<u32> {
         let met = (0..KINDS).filter(|&k| self.counts[k] > 0);
         met.max_by_key(|&k| (self.counts[k], std::cmp::Reverse(self.labels[k]))).map(|k| self.labels[k])
     }
 }
 
-/// The labels of all vertices, asked for in ascending order.
+/// The labels of all vertices, queried in ascending order.
 pub(super) struct VertexLabels<'a> {
     mesh: &'a Mesh,
     labels: &'a [u32],
@@ -60,7 +60,7 @@ pub(super) struct VertexLabels<'a> {
 }
 
 impl<'a> VertexLabels<'a> {
-    /// Of the vertices of `mesh`, whose faces have `labels`.
+    /// For the vertices of `mesh`, whose faces have `labels`.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`].
@@ -72,7 +72,7 @@ impl<'a> VertexLabels<'a> {
         Ok(Self { mesh, labels, run, start: 0, block: Vec::new(), width, _grant: grant })
     }
 
-    /// The label of `vertex`; none where it has no face.
+    /// The label of `vertex`; `None` if it has no face.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -83,7 +83,7 @@ impl<'a> VertexLabels<'a> {
         Ok(self.block.get(vertex - self.start).and_then(Tally::most))
     }
 
-    /// Tallies the block that begins with `start`.
+    /// Tallies the block that starts at `start`.
     fn fill(&mut self, start: usize) -> Result<()> {
         self.start = start;
         self.block.clear();
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
     use crate::store::Budget;
 
-    /// Four labels once each took each other off, and the vertex had none.
+    /// Regression: four labels on one face each cancelled each other, and the vertex had none.
     #[test]
     fn a_vertex_of_faces_has_a_label() {
         for n in 1..9u32 {

@@ -1,44 +1,43 @@
 //! Where the boundaries cross the edges of the strip.
 //!
-//! Every vertex of the strip gets a label, or is *tied*: the boundary passes through it. An edge between two labels
-//! is crossed once. A vertex inside of a part keeps its part, whatever happens; one on a boundary begins with the
-//! label that has most of the angle around it. Then each crossing moves along its edge to where the boundary is
-//! shortest, given its neighbours; where it comes to rest against a vertex, the vertex changes sides, and the
-//! boundary may go on. So a boundary becomes the shortest curve in the strip of faces that touch the boundary of
-//! before, and no part vanishes.
+//! Every vertex of the strip gets a label, or is *tied*: the boundary passes through it. An edge between two labels is
+//! crossed once. A vertex inside a part always keeps its part; one on a boundary starts with the label that has most of
+//! the angle around it. Then each crossing moves along its edge to where the boundary is shortest, given its
+//! neighbours. Where the crossings come to rest at a vertex, the vertex changes sides, and the boundary may move on. So
+//! a boundary becomes the shortest curve in the strip of faces that touch the original boundary, and no part vanishes.
 //!
-//! Tied are the vertices of boundaries where they follow a crease (two sharp edges or more, one after the other), at
-//! borders of the mesh (so that seams of vertices at one place stay closed), of faces other than triangles, and of
-//! faces so narrow between boundaries that no vertex inside of their part is near.
+//! The tied vertices are those of boundaries along a crease (two or more consecutive sharp edges), at borders of the
+//! mesh (so that seams of coincident vertices stay closed), of faces other than triangles, and of faces so narrow
+//! between boundaries that no vertex inside their part is near.
 //!
-//! Cost: [`ROUNDS`] times [`SWEEPS`] passes over the crossings, some 50 ns each.
+//! Cost: [`ROUNDS`] times [`SWEEPS`] passes over the crossings, some 50 ns per crossing.
 
 use super::strip::Strip;
 use crate::base::sort::sort_by;
 use crate::base::vector::{add_scaled, cross, distance, dot, double_area, length, minus, unit};
 use crate::base::{Cancel, Result};
 
-/// The boundary between faces that turn by more (40°) is sharp: cosine.
+/// The cosine of 40°: a boundary between faces that turn by more is sharp.
 const CREASE: f64 = 0.766;
-/// How far along an edge a crossing may go towards a vertex inside of a part.
+/// How far along an edge a crossing may move towards a vertex inside a part.
 const FARTHEST: f64 = 0.8;
-/// A crossing nearer to an end than this part of its edge is put there.
+/// A crossing nearer to an end than this share of its edge is snapped to it.
 const SNAP: f64 = 0.05;
-/// Where all crossings around a vertex are nearer than this, the boundary rests against it.
+/// If all crossings around a vertex are nearer than this share, the boundary rests against the vertex.
 const RESTS: f64 = 0.1;
-/// Times that vertices may change sides.
+/// Rounds of vertices changing sides.
 const ROUNDS: usize = 8;
-/// Passes over all crossings in between.
+/// Passes over all crossings in each round.
 const SWEEPS: usize = 32;
-/// Steps to the place where three parts meet.
+/// Iterations to find the point where three parts meet.
 const STEPS: usize = 16;
 
 /// The curves of a strip.
 pub(super) struct Curves<'a> {
     strip: &'a Strip,
-    /// The label of each vertex; none where it is tied.
+    /// The label of each vertex; `None` where it is tied.
     pub label: Vec<Option<u32>>,
-    /// Where each edge is crossed, 0 at its first end, 1 at its second, if it is.
+    /// Position of each edge's crossing, if any: 0 at its first end, 1 at its second.
     along: Vec<f64>,
 }
 
@@ -55,7 +54,7 @@ impl<'a> Curves<'a> {
             let crossed: Vec<u32> = (0..strip.edges.len() as u32).filter(|&e| curves.is_crossed(e)).collect();
             for sweep in 0..SWEEPS {
                 cancel.check()?;
-                // There and back, so that a pull travels both ways.
+                // Alternating directions, so that changes spread both ways.
                 if sweep % 2 == 0 {
                     crossed.iter().for_each(|&e| curves.shorten(e));
                 } else {
@@ -69,13 +68,13 @@ impl<'a> Curves<'a> {
         Ok(curves)
     }
 
-    /// Whether an edge lies between two labels.
+    /// Whether the ends of an edge have different labels.
     pub fn is_crossed(&self, e: u32) -> bool {
         let [a, b] = self.strip.edges[e as usize].map(|v| self.label[v as usize]);
         a.is_some() && b.is_some() && a != b
     }
 
-    /// Where an edge is crossed; an end of it where that is near.
+    /// Where an edge is crossed, snapped to an end if near.
     pub fn crossing(&self, e: u32) -> f64 {
         match self.along[e as usize] {
             t if t < SNAP => 0.,
@@ -84,7 +83,7 @@ impl<'a> Curves<'a> {
         }
     }
 
-    /// Which vertices the boundary has to pass through.
+    /// The vertices that the boundary has to pass through.
     fn tied(&self) -> Vec<bool> {
         let strip = self.strip;
         let mut tied = vec![false; strip.vertices.len()];
@@ -114,7 +113,7 @@ impl<'a> Curves<'a> {
         tied
     }
 
-    /// Whether no vertex inside of the part of face `f` is next to a corner of it.
+    /// Whether face `f` is in a narrow place: no vertex inside its part is next to a corner of it.
     fn is_narrow(&self, f: u32) -> bool {
         let strip = self.strip;
         let own = Some(strip.labels[f as usize]);
@@ -122,20 +121,20 @@ impl<'a> Curves<'a> {
         !strip.face(f).iter().any(|&v| strip.stars.of_owner(v).iter().any(|&g| strip.face(g).iter().any(inside)))
     }
 
-    /// Whether a boundary lies between two faces, and is sharp there.
+    /// Whether the edge between two faces is a boundary and sharp.
     fn is_sharp(&self, f: u32, g: u32) -> bool {
         let strip = self.strip;
         let [Some(a), Some(b)] = [f, g].map(|f| strip.triangle(f)) else { return false };
         let [n, m] = [a, b].map(|corners| unit(double_area(corners.map(|v| strip.at[v as usize]))));
-        // Faces that are wound against each other run along their edge in the same direction.
+        // Faces of opposite winding traverse their edge in the same direction.
         let run = |[a, b, c]: [u32; 3]| [[a, b], [b, c], [c, a]];
         let against = run(a).iter().any(|half| run(b).contains(half));
         let cosine = if against { -dot(n, m) } else { dot(n, m) };
         strip.labels[f as usize] != strip.labels[g as usize] && n != [0.; 3] && m != [0.; 3] && cosine < CREASE
     }
 
-    /// Gives labels to the vertices of boundaries that are not `tied`, so that each is joined
-    /// to the inside of its part.
+    /// Assigns labels to the boundary vertices that are not `tied`, so that each is connected to the inside of its
+    /// part.
     fn begin(&mut self, tied: &[bool]) {
         let strip = self.strip;
         let open: Vec<u32> = (0..strip.vertices.len() as u32)
@@ -144,7 +143,7 @@ impl<'a> Curves<'a> {
         for &v in &open {
             self.label[v as usize] = self.shares(v).first().map(|&(label, _)| label);
         }
-        // Joined: reached from the inside of the part over vertices of its label.
+        // Joined: reached from the inside of the part through vertices of its label.
         let mut joined: Vec<bool> = strip.inner.iter().map(Option::is_some).collect();
         let mut queue: Vec<u32> = (0..joined.len() as u32).filter(|&v| joined[v as usize]).collect();
         for _ in 0..=ROUNDS {
@@ -172,7 +171,7 @@ impl<'a> Curves<'a> {
         open.iter().filter(|&&v| !joined[v as usize]).for_each(|&v| self.label[v as usize] = None);
     }
 
-    /// The labels around a vertex with their angles, greatest first.
+    /// The labels around a vertex with their shares of the angle, greatest first.
     fn shares(&self, v: u32) -> Vec<(u32, f64)> {
         let strip = self.strip;
         let mut shares: Vec<(u32, f64)> = Vec::new();
@@ -197,7 +196,7 @@ impl<'a> Curves<'a> {
         add_scaled(a, self.along[e as usize], minus(b, a))
     }
 
-    /// Where the boundary that crosses edge `e` goes in the face `f` of it.
+    /// Where the boundary that crosses edge `e` leaves the face `f`.
     fn beyond(&self, e: u32, f: u32) -> Option<[f64; 3]> {
         let strip = self.strip;
         let corners = strip.triangle(f)?;
@@ -223,7 +222,7 @@ impl<'a> Curves<'a> {
         let (from, way) = (strip.at[a as usize], minus(strip.at[b as usize], strip.at[a as usize]));
         let all = length(way);
         let here = self.point(e);
-        // The foot on the edge and the distance from its line, of all that the crossing is joined to.
+        // The foot point on the edge and the distance from its line, for all points that the crossing is connected to.
         let joined = strip.sides.of_owner(e).iter().filter_map(|&f| {
             let to = self.beyond(e, f)?;
             let foot = dot(minus(to, from), way) / (all * all);
@@ -232,7 +231,7 @@ impl<'a> Curves<'a> {
         let ends: Vec<(f64, f64, f64)> = joined.collect();
         let (mut sum, mut weights) = (0., 0.);
         for &(foot, height, far) in &ends {
-            // Between two, the straight line in the plane that both sides are unfolded to; else a step of Weiszfeld's.
+            // With two neighbours, the straight line after unfolding both sides into a plane; else one Weiszfeld step.
             let weight = if ends.len() == 2 { 1. / height.max(1e-9 * all) } else { 1. / far.max(1e-9 * all) };
             (sum, weights) = (sum + weight * foot, weights + weight);
         }
@@ -243,7 +242,7 @@ impl<'a> Curves<'a> {
         }
     }
 
-    /// Lets vertices change sides against which the boundary rests, each once; whether any did.
+    /// Lets each vertex that the boundary rests against change sides once; returns whether any did.
     fn change_sides(&mut self, moved: &mut [bool]) -> bool {
         let strip = self.strip;
         let mut any = false;
@@ -263,15 +262,15 @@ impl<'a> Curves<'a> {
         any
     }
 
-    /// The edges at a vertex; most of them twice.
+    /// The edges at a vertex; most of them appear twice.
     fn edges_at(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
         let strip = self.strip;
         let all = strip.stars.of_owner(v).iter().flat_map(|&f| &strip.edge_of[strip.range(f)]);
         all.copied().filter(move |&e| strip.edges[e as usize].contains(&v))
     }
 
-    /// The label that vertex `v` gets if it changes sides: where the boundary of two parts passes by it
-    /// once, and rests against it.
+    /// The label that vertex `v` gets if it changes sides: `None` unless a boundary of two parts passes it exactly once
+    /// and rests against it.
     fn other_side(&self, v: u32) -> Option<u32> {
         let strip = self.strip;
         let own = self.label[v as usize]?;
@@ -302,8 +301,8 @@ pub(super) fn mixed(points: [[f64; 3]; 3], weights: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|axis| (0..3).map(|k| weights[k] * points[k][axis]).sum())
 }
 
-/// The weights of the crossings of a triangle's three edges at the place where three parts meet in it: the point whose
-/// distances from them have the least sum, nearly.
+/// The barycentric weights, relative to the crossings of a triangle's three edges, of the point where three parts meet
+/// in it: approximately the point with the least sum of distances to them.
 pub(super) fn meeting(crossings: [[f64; 3]; 3]) -> [f64; 3] {
     let mut weights = [1. / 3.; 3];
     for _ in 0..STEPS {

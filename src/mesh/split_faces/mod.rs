@@ -1,13 +1,13 @@
-//! Faces split where smooth boundaries cross them.
+//! Splits faces where smooth boundaries cross them.
 //!
-//! Labels of faces end at edges of the mesh, so that boundaries are saw-teeth. [`FaceSplit`] replaces them by the
-//! shortest curves in the strip of faces that touch them ([`curves`]), and cuts the faces of the strip along these
-//! ([`pieces`]). An edge is cut for all of its faces at one new vertex, and where three parts meet in a face one lies
-//! inside of it, so there are no T-junctions: what was closed stays so. New vertices lie on edges and in faces: the
-//! surface does not change. Faces other than triangles stay whole, and boundaries next to them as they are.
+//! Face labels change at mesh edges, so boundaries are jagged. [`FaceSplit`] replaces them by the shortest curves in
+//! the strip of faces that touch them ([`curves`]), and cuts the faces of the strip along these ([`pieces`]). An edge
+//! is cut for all of its faces at one new vertex, and where three parts meet in a face one vertex is placed inside it.
+//! So there are no T-junctions, and a closed surface stays closed. New vertices lie on edges and in faces: the surface
+//! does not change. Faces other than triangles stay whole, and boundaries next to them do not move.
 //!
-//! Cost: three passes over the faces, 10 ns each, and a microsecond or two per face of the strip; 250 bytes
-//! per corner of the strip.
+//! Cost: three passes over the faces, 10 ns per face, and a microsecond or two per face of the strip; 250 bytes per
+//! corner of the strip.
 
 mod curves;
 mod pieces;
@@ -21,15 +21,15 @@ use curves::{Curves, meeting, mixed};
 use pieces::Cut;
 use strip::Strip;
 
-/// How near to a side of its face the place where three parts meet may be: its least barycentric coordinate.
+/// Minimum distance of a triple point from the sides of its face, as a barycentric coordinate.
 const LEAST: f64 = 0.05;
 
-/// A vertex that the mesh does not have: the mean of vertices of it.
+/// A vertex that the mesh does not have: a weighted mean of its vertices.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NewVertex {
-    /// Vertices of the mesh: the ends of an edge, the second one twice, or the corners of a face.
+    /// Vertices of the mesh: the ends of an edge, with the second one twice, or the corners of a face.
     pub of: [u32; 3],
-    /// The weight of each, of sum 1; the third is 0 on an edge.
+    /// Their weights, of sum 1; the third is 0 on an edge.
     pub weights: [f64; 3],
 }
 
@@ -39,7 +39,7 @@ impl NewVertex {
         mixed(self.of.map(|v| mesh.positions.get(v)), self.weights)
     }
 
-    /// The vertex of the mesh that is nearest, in weight; the first one of equals.
+    /// The mesh vertex with the greatest weight; the first one if equal.
     pub fn nearest(&self) -> u32 {
         let first = (0..3).fold(0, |best, k| if self.weights[k] > self.weights[best] { k } else { best });
         self.of[first]
@@ -57,7 +57,7 @@ pub struct Piece {
     pub corners: [u32; 3],
 }
 
-/// The faces of a mesh that smooth boundaries cross, in pieces.
+/// The split faces of a mesh.
 #[derive(Debug)]
 pub struct FaceSplit {
     /// The new vertices: those on edges, ascending by the edges' ends, then those in faces.
@@ -71,7 +71,7 @@ pub struct FaceSplit {
     first: usize,
 }
 
-/// A mesh in pieces, in memory.
+/// A mesh with split faces, in memory.
 pub struct SplitMesh {
     /// The mesh.
     pub mesh: Mesh,
@@ -92,7 +92,7 @@ impl FaceSplit {
         let strip = Strip::of(mesh, labels, run)?;
         let curves = Curves::of(&strip, &run.cancel)?;
         let mut split = Self { vertices: Vec::new(), pieces: Vec::new(), polygons: 0, first: mesh.positions.len() };
-        // The point where each edge is crossed.
+        // The new vertex at each edge's crossing.
         let mut points: Vec<Option<u32>> = vec![None; strip.edges.len()];
         for (e, &ends) in (0..).zip(&strip.edges) {
             if curves.is_crossed(e) {
@@ -111,21 +111,21 @@ impl FaceSplit {
         Ok(split)
     }
 
-    /// The number of vertices, new ones included.
+    /// The number of vertices, including new ones.
     pub fn vertex_count(&self) -> usize {
         self.first + self.vertices.len()
     }
 
-    /// The number of faces of which `faces` were there before.
+    /// The number of faces after splitting, given `faces` before.
     pub fn face_count(&self, faces: usize) -> usize {
         faces + self.pieces.windows(2).filter(|pair| pair[0].face == pair[1].face).count()
     }
 
-    /// The weights of the corners of a face at vertex `v`, which is one of them, or new on it.
+    /// The weights of the corners of a face at vertex `v`, which is one of them or a new one on the face.
     pub fn weights(&self, mesh: &Mesh, corners: &[u32], v: u32) -> Vec<f64> {
         let new = (v as usize).checked_sub(self.first).map(|k| self.vertices[k]);
         let NewVertex { of, weights } = new.unwrap_or(NewVertex { of: [v; 3], weights: [1., 0., 0.] });
-        // In a soup, the ends of an edge are other vertices at the same places.
+        // In a triangle soup, the ends of an edge may be other vertices at the same positions.
         let at = |v: u32| mesh.positions.get(v);
         let same = |v: u32| corners.iter().position(|&w| w == v);
         let corner = |v: u32| same(v).or_else(|| corners.iter().position(|&w| at(w) == at(v)));
@@ -136,7 +136,7 @@ impl FaceSplit {
         all
     }
 
-    /// Notes which faces were not split.
+    /// Notes how many faces were not split.
     pub fn tell(&self, run: &Run) {
         if self.polygons > 0 {
             let text =
@@ -145,8 +145,8 @@ impl FaceSplit {
         }
     }
 
-    /// The mesh in pieces with its labels, and the qualities if there are any: what is split stays at its place, other
-    /// pieces and new vertices follow at the end.
+    /// The mesh with split faces, its labels, and the qualities if there are any: the first piece of a face takes its
+    /// place, other pieces and new vertices follow at the end.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::base::Error), as all is held.
@@ -207,7 +207,7 @@ impl FaceSplit {
         corners.copy_from_slice(&strip.own[strip.range(f)]);
         let mut crossings = [None; 3];
         for (slot, c) in crossings.iter_mut().zip(strip.range(f)) {
-            // At the end of an edge: the corner that the face has there.
+            // The face's own corner at the end of an edge.
             let corner = |v: u32| (0..3).find(|&k| strip.vertices[own[k] as usize] == v).map_or(v, |k| corners[k]);
             *slot = points[strip.edge_of[c] as usize].map(corner);
         }
@@ -222,7 +222,7 @@ impl FaceSplit {
         };
         let pieces = Cut { corners, labels, crossings, centre }.triangles(at);
         if let [(label, _)] = pieces[..] {
-            // As it stands in the file, from its first corner on.
+            // A relabelled face keeps its first corner.
             self.pieces.extend((label != before).then_some(Piece { face, label, corners }));
         } else {
             self.pieces.extend(pieces.into_iter().map(|(label, corners)| Piece { face, label, corners }));
@@ -230,13 +230,14 @@ impl FaceSplit {
         Ok(())
     }
 
-    /// The weights of a face's `corners` where the three parts meet whose boundaries cross its edges at `points`.
+    /// The weights of a face's `corners` at the point where three parts meet whose boundaries cross its edges at
+    /// `points`.
     fn meeting(&self, mesh: &Mesh, corners: [u32; 3], points: [u32; 3]) -> [f64; 3] {
         let on: [Vec<f64>; 3] = points.map(|v| self.weights(mesh, &corners, v));
         let places = [0, 1, 2].map(|k| mixed(corners.map(|v| mesh.positions.get(v)), [on[k][0], on[k][1], on[k][2]]));
         let shares = meeting(places);
         let weights = [0, 1, 2].map(|corner| (0..3).map(|k| shares[k] * on[k][corner]).sum::<f64>());
-        // Moved inside as far as it takes.
+        // Moved inside as far as needed.
         let least = weights.into_iter().fold(f64::INFINITY, f64::min);
         let s = if least < LEAST { (LEAST - least) / (1. / 3. - least) } else { 0. };
         weights.map(|x| x + s * (1. / 3. - x))

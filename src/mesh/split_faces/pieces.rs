@@ -2,20 +2,21 @@
 
 use crate::base::vector::{distance, double_area, length};
 
-/// A triangle and where it is to be cut. Points are numbered, its corners included.
+/// A triangle and its crossings. Points are numbered, corners included.
 pub(super) struct Cut {
     /// Its corners.
     pub corners: [u32; 3],
-    /// Their labels; none where the boundary passes through.
+    /// Their labels; `None` where the boundary passes through.
     pub labels: [Option<u32>; 3],
-    /// The point, if any, where the edge from each corner to the next is crossed; a corner where that is at its end.
+    /// The point, if any, where the edge from each corner to the next is crossed; a corner if the crossing is at an
+    /// end.
     pub crossings: [Option<u32>; 3],
     /// The point where three parts meet, if they do.
     pub centre: Option<u32>,
 }
 
 impl Cut {
-    /// The pieces: label and polygon, convex, no point of it twice; wound as the triangle, which they cover.
+    /// The pieces as convex polygons with labels, without repeated points, wound like the triangle, which they cover.
     fn polygons(&self) -> Vec<(u32, Vec<u32>)> {
         let mut polygons = Vec::new();
         if let Some(centre) = self.centre {
@@ -44,7 +45,7 @@ impl Cut {
         polygons
     }
 
-    /// The pieces as triangles with their labels, largest first; `at` tells where points lie.
+    /// The pieces as triangles with labels, largest first; `at` gives the position of a point.
     pub fn triangles(&self, at: impl Fn(u32) -> [f64; 3]) -> Vec<(u32, [u32; 3])> {
         let mut all = Vec::new();
         for (label, points) in self.polygons() {
@@ -53,7 +54,7 @@ impl Cut {
                     let ways = [[[a, b, c], [a, c, d]], [[a, b, d], [b, c, d]]];
                     // Two corners share an edge of the triangle, which may be cut.
                     let edge = |a, b| self.corners.contains(&a) && self.corners.contains(&b);
-                    // Where three parts meet, from that point: the polygon may have a notch there.
+                    // Where three parts meet, a fan from that point: the polygon may have a notch there.
                     let second = self.centre.is_none()
                         && !edge(b, d)
                         && (edge(a, c) || worst(ways[1], &at) > worst(ways[0], &at));
@@ -77,7 +78,7 @@ impl Cut {
     }
 }
 
-/// `points` without repetitions of neighbours, the last and the first being neighbours too.
+/// `points` without repetitions of cyclic neighbours.
 fn distinct(points: &[u32]) -> Vec<u32> {
     let mut kept = points.to_vec();
     kept.dedup();

@@ -1,9 +1,9 @@
-//! The faces along the boundaries of parts, with their own numbers of vertices and edges.
+//! The strip of faces along the boundaries of parts, with local numbers of its vertices and edges.
 //!
 //! A vertex is on a boundary if its faces have several labels; every face of such a vertex belongs to the strip. Two
-//! passes over the faces find them. What is held while they run is a bit per vertex, and four bytes per vertex for as
-//! many vertices at a time as the budget allows (32 in a soup, where each face has vertices of its own: there those at
-//! one place count as one); what is kept grows with the strip alone.
+//! passes over the faces find them. While they run, memory is one bit per vertex, and four bytes per vertex for as many
+//! vertices at a time as the budget allows. In a soup, where each face has vertices of its own and those at one
+//! position count as one, it is 32 bytes. The result grows only with the strip.
 
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{finite, position_key};
@@ -13,18 +13,18 @@ use crate::store::Run;
 use crate::store::budget::Grant;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Faces looked at between two looks at the stop flag.
+/// Faces between two checks of the stop flag.
 const CHUNK: usize = 1 << 14;
-/// Vertices of a block at the least, where there are as many.
+/// Minimum number of vertices in a block, if there are as many.
 const LEAST: usize = 1 << 12;
-/// Bytes granted per corner of the strip, for all that is made of it.
+/// Bytes of the budget per corner of the strip, for all of its data.
 const BYTES: u64 = 250;
-/// The first label of a vertex that no face has.
+/// The first label of a vertex without a face.
 const NONE: u32 = u32::MAX;
 
-/// The strip. Faces, vertices and edges have numbers of their own in it, in the order of the mesh.
+/// The strip. Its faces, vertices and edges are numbered locally, in mesh order.
 pub(super) struct Strip {
-    /// The faces in the mesh (f), ascending.
+    /// The mesh faces (f), ascending.
     pub faces: Vec<u32>,
     /// Their labels (f).
     pub labels: Vec<u32>,
@@ -32,15 +32,15 @@ pub(super) struct Strip {
     pub starts: Vec<u32>,
     /// The vertices of all corners.
     pub corners: Vec<u32>,
-    /// The vertex of the mesh at each corner; another one at the same place as that of [`Strip::vertices`] in a soup.
+    /// The mesh vertex at each corner; in a soup it may differ from that of [`Strip::vertices`] at the same position.
     pub own: Vec<u32>,
     /// The edge from each corner to the next one of its face.
     pub edge_of: Vec<u32>,
-    /// The vertices in the mesh (v), ascending.
+    /// The mesh vertices (v), ascending.
     pub vertices: Vec<u32>,
     /// Their positions (v).
     pub at: Vec<[f64; 3]>,
-    /// The label of vertices whose faces have one only (v); none on a boundary.
+    /// The label of vertices whose faces all have the same one (v); `None` on a boundary.
     pub inner: Vec<Option<u32>>,
     /// The ends of each edge, ascending (e).
     pub edges: Vec<[u32; 2]>,
@@ -51,14 +51,14 @@ pub(super) struct Strip {
     _grant: Grant,
 }
 
-/// Lists of faces, one after the other.
+/// Lists of faces, concatenated.
 pub(super) struct Groups {
     starts: Vec<u32>,
     faces: Vec<u32>,
 }
 
 impl Groups {
-    /// The faces of `pairs` (owner, face), sorted by owner, of which there are `count`.
+    /// Builds `count` lists from `pairs` (owner, face), sorted by owner.
     fn of(count: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
         let mut starts = vec![0u32; count + 1];
         pairs.clone().for_each(|(owner, _)| starts[owner as usize + 1] += 1);
@@ -80,7 +80,7 @@ impl Groups {
     }
 }
 
-/// Which vertices lie on a boundary: a bit each.
+/// Which vertices lie on a boundary, one bit each.
 struct Bits(Vec<u64>);
 
 impl Bits {
@@ -112,10 +112,10 @@ impl Bits {
         Ok((bits, kept))
     }
 
-    /// Of a soup: vertices at one place are one, as many places at a time as the budget has room for.
+    /// For a soup: vertices at one position count as one; as many positions at a time as the budget has room for.
     fn mark_places(&mut self, mesh: &Mesh, labels: &[u32], run: &Run) -> Result<()> {
         let size = size_of::<Place>() as u64;
-        // No more than half full.
+        // At most half full.
         let wanted = 2 * size * mesh.positions.len() as u64;
         let grant = run.budget.take("places of vertices", size * (LEAST as u64).min(wanted / size), wanted)?;
         let blocks = wanted.div_ceil(grant.bytes().max(1));
@@ -149,7 +149,7 @@ impl Bits {
     }
 }
 
-/// Calls `visit(face, its corners)` for every face, with looks at the stop flag.
+/// Calls `visit(face, its corners)` for every face, and checks the stop flag.
 fn each_face(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32])) -> Result<()> {
     let n = mesh.faces.len();
     for chunk in 0..chunk_count(n, CHUNK) {
@@ -159,29 +159,29 @@ fn each_face(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32])) -> Re
     Ok(())
 }
 
-/// Whether hardly any vertex has two faces, as in an STL file: then places count, not numbers.
+/// Whether hardly any vertex has two faces, as in an STL file: then positions identify vertices, not numbers.
 fn is_soup(mesh: &Mesh) -> bool {
     mesh.faces.corner_count() < 2 * mesh.positions.len()
 }
 
-/// The labels met at a place.
+/// The labels at a position.
 #[derive(Clone, Copy, Default)]
 struct Place {
-    /// Of its position; 0 for none.
+    /// The hash of its position; 0 for none.
     key: u64,
     label: u32,
     several: bool,
 }
 
 impl Place {
-    /// Notes that a face with `label` has a corner at the place of `key`.
+    /// Records that a face with `label` has a corner at the position with hash `key`.
     fn meet(&mut self, key: u64, label: u32) {
         self.several |= self.key != 0 && (self.key != key || self.label != label);
         (self.key, self.label) = (key, label);
     }
 }
 
-/// The slot of `key`, or the empty one that it is to have; that of another where all are taken.
+/// The slot of `key`, or the empty one where it belongs; another key's slot if all are taken.
 fn find(places: &mut [Place], key: u64) -> &mut Place {
     let n = places.len();
     let first = (key % n as u64) as usize;
@@ -189,7 +189,7 @@ fn find(places: &mut [Place], key: u64) -> &mut Place {
     &mut places[slot.unwrap_or(first)]
 }
 
-/// A number that hardly any two positions share, never 0; none where there is no place.
+/// A hash that hardly any two positions share, never 0; `None` without a finite position.
 fn key(at: [f64; 3]) -> Option<u64> {
     finite(at).then(|| xxh3_64(bytemuck::bytes_of(&position_key(at))).max(1))
 }
@@ -222,8 +222,8 @@ fn faces_of(mesh: &Mesh, bits: &Bits, run: &Run) -> Result<(Vec<u32>, Grant)> {
     Ok((run.map_chunks(chunk_count(n, CHUNK), || (), find)?.concat(), grant))
 }
 
-/// The vertices of `corners`, ascending, and the number of each corner's vertex among them; of a soup one vertex for
-/// each place.
+/// The distinct vertices of `corners`, ascending, and the index of each corner's vertex among them; in a soup one
+/// vertex per position.
 fn numbered(mesh: &Mesh, corners: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let sorted = |mut vertices: Vec<u32>| {
         vertices.sort_unstable();
@@ -243,7 +243,7 @@ fn numbered(mesh: &Mesh, corners: &[u32]) -> (Vec<u32>, Vec<u32>) {
     (places, numbers)
 }
 
-/// For each of `vertices`, ascending, the first one at the same place.
+/// For each of `vertices`, ascending, the first one at the same position.
 fn first_at_place(mesh: &Mesh, vertices: &[u32]) -> Vec<u32> {
     let place = |&v: &u32| position_key(mesh.positions.get(v));
     let mut placed: Vec<([u64; 3], usize)> = vertices.iter().map(place).zip(0..).collect();
@@ -320,7 +320,7 @@ impl Strip {
         })
     }
 
-    /// The corners of face `f`: where they stand among all.
+    /// The range of corners of face `f`.
     pub fn range(&self, f: u32) -> std::ops::Range<usize> {
         self.starts[f as usize] as usize..self.starts[f as usize + 1] as usize
     }
@@ -330,7 +330,7 @@ impl Strip {
         &self.corners[self.range(f)]
     }
 
-    /// The vertices of face `f` if it is a triangle of three different ones that have a position.
+    /// The vertices of face `f` if it is a triangle of three different ones with positions.
     pub fn triangle(&self, f: u32) -> Option<[u32; 3]> {
         let [a, b, c] = *self.face(f).first_chunk::<3>().filter(|_| self.range(f).len() == 3)?;
         let sound = a != b && b != c && c != a && [a, b, c].iter().all(|&v| finite(self.at[v as usize]));
