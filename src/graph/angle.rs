@@ -1,8 +1,8 @@
 //! The angle between two unit normals, accurate where they nearly agree.
 //!
-//! `acos(a·b)` loses half the digits near zero: in `f32` a flat edge would get 4e-4 radians of
-//! noise, more than its length's worth. `2 asin(|a − b| / 2)` keeps them. The polynomial is
-//! our own so that results do not depend on the system's mathematical library.
+//! `acos(a·b)` loses half the digits near zero: in `f32` a flat edge would get 4e-4 radians of noise, more than its
+//! length contributes. `2 asin(|a − b| / 2)` keeps them. We use our own polynomial, so that results do not depend on
+//! the system's mathematical library.
 
 /// `asin(x)` for `x` in `[0, 1]`, to 3e-7 relative; other values are clamped.
 #[inline]
@@ -18,8 +18,8 @@ pub fn asin(x: f32) -> f32 {
     if x <= 0.5 { small(x) } else { std::f32::consts::FRAC_PI_2 - 2. * small(((1. - x) * 0.5).sqrt()) }
 }
 
-/// The angle in radians, in `[0, π]`, between unit vectors; 0 where one of them is zero (a
-/// degenerate face has no direction to turn from).
+/// The angle in radians, in `[0, π]`, between unit vectors; 0 if one of them is zero (a degenerate face has no
+/// direction).
 #[inline]
 pub fn between(a: [f32; 3], b: [f32; 3]) -> f32 {
     let zero = [0f32; 3];

@@ -1,12 +1,12 @@
-//! The edges of the dual graph, assembled where they will lie: in memory, by all threads at once.
+//! Assembles the edges of the dual graph in place: in memory, on all threads at once.
 //!
-//! Where the pairs of half-edges are a table and no corner has two, the degrees of rows are known before the rows. So a
-//! first pass counts them, and each range of nodes has its place in the arrays: nothing is handed from thread to
-//! thread, and no thread waits while another one copies. Rows are those of [`super::dual_edges`], to the bit.
+//! If the pairs of half-edges are a table and no corner has two, the degrees of rows are known before the rows. So a
+//! first pass counts them, and each range of nodes has its place in the arrays: nothing is passed between threads, and
+//! no thread waits while another copies. Rows are those of [`super::dual_edges`], to the bit.
 //!
-//! Nearly every face has three corners and three different neighbours. Such a row is computed with its three edges side
-//! by side, and put in order by counting, without a branch: the order of three neighbours is nearly random. Cost: about
-//! 15 ns per face and thread, a third of it for square roots.
+//! Nearly every face has three corners and three different neighbours. Such a row is computed with its three edges in
+//! parallel lanes, and sorted by counting, without a branch: the order of three neighbours is nearly random. Cost:
+//! about 15 ns per face and thread, a third of it for square roots.
 
 use super::csr::INDICES;
 use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, Entry, RowScratch};
@@ -22,11 +22,11 @@ use crate::mesh::Mesh;
 use crate::store::Context;
 use std::ops::Range;
 
-/// Nodes that a thread takes at a time; whole blocks of row starts.
+/// Nodes that a thread takes at a time; a multiple of the block size of row starts.
 const NODES: usize = 1 << 14;
 
-/// Assembles the rows of `nodes` (n); `None` where they are to be assembled otherwise: nodes are computed, some corner
-/// has two pairs, or there is no room.
+/// Assembles the rows of `nodes` (n). `None` if this method does not apply: geometry is computed, some corner has two
+/// pairs, or there is no room.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -42,7 +42,7 @@ pub(super) fn assemble_in_memory(
     let nodes = nodes.array();
     let (n, chunks) = (nodes.len(), chunk_count(nodes.len(), NODES));
     let rows = |k: usize| chunk_range(n, NODES, k);
-    // Half a byte per node, until they are written.
+    // Half a byte per node, until the row starts are written.
     let packed = n as u64 / 2;
     let Ok(grant) = run.budget.take("row starts", packed, packed) else { return Ok(None) };
     let count =
@@ -81,7 +81,7 @@ pub(super) fn assemble_in_memory(
     }))
 }
 
-/// Places for the entries of a range of rows.
+/// The slices for the entries of a range of rows.
 struct Rows<'a> {
     indices: &'a mut [u32],
     lengths: &'a mut [f32],
@@ -103,7 +103,7 @@ fn degree(across: &[AcrossCorner]) -> u32 {
     all.len() as u32
 }
 
-/// Fills the rows of `range`, for [`dispatch`]; whether any length of a shared edge is negative.
+/// Fills the rows of `range`, for [`dispatch`]; returns whether any length of a shared edge is negative.
 struct Assembled<'a> {
     mesh: &'a Mesh,
     frame: &'a Frame,
@@ -124,7 +124,8 @@ impl SimdKernel for Assembled<'_> {
         let (mut at, mut mixed) = (0, false);
         let (positions, frame) = (&mesh.positions, *frame);
         let triangle = |face| mesh.faces.with(face, |corners| <[u32; 3]>::try_from(corners).ok());
-        // Not by `for_each`: what it calls in two places is not inlined, and would be compiled for every processor.
+        // Not `for_each`: a closure that it calls in two places is not inlined, and would be compiled for the baseline
+        // processor.
         for face in range {
             let span = mesh.faces.corner_range(face);
             if let (Some([a, b, c]), [x, y, z]) = (triangle(face), &across[span.clone()]) {
@@ -168,7 +169,7 @@ impl SimdKernel for Assembled<'_> {
     }
 }
 
-/// The places of three different numbers when they ascend.
+/// The ranks of three different numbers in ascending order.
 #[inline(always)]
 fn ranks([a, b, c]: [u32; 3]) -> [usize; 3] {
     let less = |x: u32, y: u32| usize::from(x < y);
@@ -176,7 +177,7 @@ fn ranks([a, b, c]: [u32; 3]) -> [usize; 3] {
 }
 
 /// Lengths of the steps from a triangle with the corners `points` to its neighbours, and of the edges that leave the
-/// corners: what [`super::dual_edges`] computes one by one. In four lanes, the last of which counts for nothing.
+/// corners: what [`super::dual_edges`] computes one by one. In four lanes, the last of which is unused.
 #[inline(always)]
 fn three_steps(points: [[f64; 3]; 3], own: &Node, near: [&Node; 3]) -> [[f32; 3]; 2] {
     let (mut from, mut to, mut edge) = ([0f64; 4], [0f64; 4], [0f64; 4]);
@@ -191,7 +192,7 @@ fn three_steps(points: [[f64; 3]; 3], own: &Node, near: [&Node; 3]) -> [[f32; 3]
         for lane in 0..4 {
             let middle = (start[lane] + end[lane]) * 0.5;
             let (a, b, c) = (own - middle, near[lane] - middle, start[lane] - end[lane]);
-            // The first square is the sum so far: adding it to 0 changes no bit.
+            // The sum starts with the first square: adding it to 0 would change no bit.
             from[lane] += a * a;
             to[lane] += b * b;
             edge[lane] += c * c;

@@ -1,14 +1,14 @@
 //! Bridges, which join components.
 //!
-//! They bring every face within reach of every landmark. Each component is joined to the nearest face among all larger
-//! ones by one edge as long as the gap, with no turning. So a tiny component belongs to the part it floats beside, and
-//! separate objects stand as far apart in the embedding as in space. (Leaving components unreachable instead makes
-//! landmarks sit on tiny components and σ meaningless; both alternatives are recorded in `docs/dev/decisions.md`.)
+//! They put every face within reach of every landmark. Each component is joined to the nearest face among all larger
+//! ones by one edge as long as the gap, with no turning. So a tiny component belongs to the part next to it, and
+//! separate objects are as far apart in the embedding as in space. (Leaving components unreachable instead puts
+//! landmarks on tiny components and makes σ meaningless; both alternatives are recorded in `docs/dev/decisions.md`.)
 //! Nearest means nearest among samples: up to [`PER_COMPONENT`] evenly spread faces of a component are looked up among
 //! up to [`SAMPLES`] faces of the larger ones, and at least one of each ([`super::ranked_tree`]).
 //!
-//! Cost: nothing where there is one component. Else arrays in the work directory, in memory where the budget has room:
-//! 36 bytes per component, and 26 per sample, of which a component has up to [`PER_COMPONENT`] + 1, or more if it is
+//! Cost: nothing for a single component. Else arrays in the work directory, in memory where the budget has room: 36
+//! bytes per component, and 26 per sample, of which a component has up to [`PER_COMPONENT`] + 1, or more if it is
 //! large; 1 to 2 µs per component and thread.
 
 use super::components::{Components, Several};
@@ -20,14 +20,14 @@ use crate::store::npy::{ArrayMut, Item};
 use crate::store::{Context, Run};
 use bytemuck::{Pod, Zeroable};
 
-/// Faces of a component that look for a partner.
+/// Faces of a component that search for a partner.
 pub const PER_COMPONENT: u64 = 16;
-/// Faces that can be found as partners, where components are large.
+/// Number of faces that can be found as partners, if components are large.
 pub const SAMPLES: u64 = 100_000;
 /// Components that one thread joins at a time.
 const CHUNK: usize = 1 << 10;
 
-/// An edge to add: two nodes and the gap between their centroids in the frame.
+/// An edge to add: two nodes and the distance of their centroids in the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Bridge {
@@ -41,7 +41,7 @@ impl Item for Bridge {
     const DESCR: &'static str = "[('nodes','<u4',(2,)),('gap','<f4')]";
 }
 
-/// The bridges that join all components, none shorter than `least`; `None` where there is one component.
+/// The bridges that join all components, none shorter than `least`; `None` if there is only one component.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -65,7 +65,7 @@ pub fn find_bridges(
     let mut bridges: ArrayMut<Bridge> = context.work.array("bridges.tmp", &[count - 1])?;
     let join = |k: usize, out: &mut [Bridge], (): &mut ()| {
         for (bridge, number) in out.iter_mut().zip(k * CHUNK..) {
-            // The largest has none.
+            // The largest component has no bridge of its own, so skip its number.
             let number = number + usize::from(number >= largest);
             let mine = samples.of_component(number);
             let step = (mine.len() as u64).div_ceil(PER_COMPONENT).max(1) as usize;
@@ -86,13 +86,13 @@ pub fn find_bridges(
 
 /// Evenly spread nodes of every component, at least one each.
 struct Samples {
-    /// Where those of each component begin in `nodes`, and their number (components + 1).
+    /// Where the samples of each component start in `nodes`, and the total (components + 1).
     starts: ArrayMut<u32>,
     nodes: ArrayMut<u32>,
 }
 
 impl Samples {
-    /// `root` is [`Components::root`].
+    /// Samples the components given by `root` ([`Components::root`]).
     fn of(root: &[u32], several: &Several, context: Context<'_>) -> Result<Self> {
         let stride = (root.len() as u64).div_ceil(SAMPLES).max(1);
         // Small components keep up to PER_COMPONENT faces, so that tiny ones are placed exactly.
@@ -128,7 +128,7 @@ impl Samples {
         &self.nodes.items()[starts[number] as usize..starts[number + 1] as usize]
     }
 
-    /// All samples with their places and the ranks of their components.
+    /// All samples with their positions and the ranks of their components.
     fn points(&self, nodes: &NodeGeometry, rank: &[u32], context: Context<'_>) -> Result<ArrayMut<RankedPoint>> {
         let mut points: ArrayMut<RankedPoint> = context.work.array("bridge_points.tmp", &[self.nodes.items().len()])?;
         let starts = self.starts.items();
@@ -149,7 +149,7 @@ impl Samples {
     }
 }
 
-/// One end of a bridge: the edge that the row of `node` gains.
+/// One end of a bridge: the edge added to the row of `node`.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 struct End {
@@ -162,7 +162,7 @@ impl Item for End {
     const DESCR: &'static str = "[('node','<u4'),('other','<u4'),('gap','<f4')]";
 }
 
-/// Rewrites the edges with the bridges in their places; one sequential pass.
+/// Rewrites the edges with the bridges inserted; one sequential pass.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -173,7 +173,7 @@ pub fn insert(edges: &DualEdges, bridges: &[Bridge], context: Context<'_>) -> Re
         two.copy_from_slice(&[End { node: a, other: b, gap }, End { node: b, other: a, gap }]);
     }
     ends.data().sort_unstable_by_key(|end| (end.node, end.other));
-    // Bridges share no edge, which is what computing finds.
+    // A bridge has no shared edge; computed lengths give 0 for it.
     let kept = edges.keeps_edges();
     let entries = edges.indices.len() + ends.items().len();
     let mut writer = EdgesWriter::create(edges.len(), entries, edges.starts.form(), kept, context.work)?;

@@ -1,13 +1,13 @@
-//! Connected components found side by side: inside of blocks of consecutive nodes, then over the edges between these.
+//! Connected components in parallel: inside blocks of consecutive nodes, then over the edges between blocks.
 //!
-//! Nearly all neighbours of a node are close to it in number. So each block has a forest of its own, which any thread
-//! makes in its cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred.
-//! One pass then gives each node the root of all. Where faces are scattered there are too many such edges; then
-//! [`super::components`] goes from node to node. A representative is the least member of its set, so both ways give the
-//! same roots. That holds where all windings agree: among parities that contradict each other, the order decides.
+//! Nearly all neighbours of a node are close to it in number. So each block has a forest of its own, built by any
+//! thread in its cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred. One
+//! more pass gives each node its final root. Where faces are scattered there are too many such edges; then
+//! [`super::components`] processes node by node. A representative is the least member of its set, so both methods give
+//! the same roots. That requires that all windings agree: with contradicting parities, the order matters.
 //!
-//! Cost: about 3 ns per face and thread, 12 bytes read and 4 written; and 8 bytes for an edge between blocks,
-//! [`MOST_BETWEEN`] at the most.
+//! Cost: about 3 ns per face and thread, 12 bytes read and 4 written, plus 8 bytes per edge between blocks, of which
+//! there may be [`MOST_BETWEEN`].
 
 use super::Csr;
 use crate::base::Result;
@@ -15,23 +15,23 @@ use crate::base::union_find::{Forest, ParityForest, flatten};
 use crate::store::Run;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-/// Nodes a block at the least, and blocks at the most.
+/// Minimum number of nodes per block, and maximum number of blocks.
 const NODES: usize = 1 << 14;
 const BLOCKS: usize = 128;
-/// Edges between blocks that are held at the most.
+/// Maximum number of edges between blocks.
 const MOST_BETWEEN: usize = 1 << 20;
-/// Edges that a block asks for room for at a time; divides [`MOST_BETWEEN`].
+/// Number of edges that a block reserves at a time; divides [`MOST_BETWEEN`].
 const LUMP: usize = 1 << 8;
-/// What a block has room for that got none.
+/// Room of a block whose reservation failed.
 const FULL: usize = usize::MAX;
 
-/// Fills `roots` (n) with the first node of each node's component in `graph`. Returns false where
-/// there is no room for that.
+/// Fills `roots` (n) with the first node of each node's component in `graph`. Returns false if memory or the limit on
+/// edges is exceeded.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result<bool> {
-    // Vectors grow to twice what they hold.
+    // Growing vectors may have twice the capacity that they need.
     let room = 2 * 8 * MOST_BETWEEN as u64;
     let Ok(_grant) = run.budget.take("components", room, room) else { return Ok(false) };
     let size = NODES.max(roots.len().div_ceil(BLOCKS));
@@ -61,9 +61,9 @@ pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result
     Ok(true)
 }
 
-/// Fills `roots` with the first node of each node's component in the block of nodes from `first` on; returns the edges
-/// to blocks before it. `held` is how many all blocks have asked for room for; beyond [`MOST_BETWEEN`] there is none,
-/// and what is filled and returned is of no use.
+/// Fills `roots` with the first node of each node's component within the block of nodes that starts at `first`; returns
+/// the edges to earlier blocks. `held` counts the edges that all blocks have reserved; beyond [`MOST_BETWEEN`] the
+/// results are incomplete and must not be used.
 fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsize) -> Vec<[u32; 2]> {
     let (mut between, mut room) = (Vec::new(), 0);
     let (start, count) = (first as u32, roots.len());
@@ -75,13 +75,13 @@ fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsi
             return;
         }
         let mut mine = (own, 0);
-        // Rows ascend, and the other direction is seen from the later node.
+        // Rows ascend, and each edge is handled at its later node.
         for &near in graph.indices[span].iter().take_while(|near| (**near as usize) < node) {
             if near >= start {
                 mine = forest.join(mine, near - start, 0);
             } else {
                 if between.len() == room {
-                    // All threads together hold no more than that.
+                    // The limit applies to all threads together.
                     room = if held.fetch_add(LUMP, Relaxed) < MOST_BETWEEN { room + LUMP } else { FULL };
                     if room == FULL {
                         return;
@@ -91,7 +91,7 @@ fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsi
             }
         }
     });
-    // As `flatten`, and numbered through all blocks.
+    // As `flatten`, with numbers global to all blocks.
     let roots = forest.into_parents();
     for i in 0..count {
         let parent = roots[i] as usize;

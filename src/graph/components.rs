@@ -1,16 +1,16 @@
 //! Connected components of a graph.
 //!
-//! They are found by union-find over the edges ([`crate::base::union_find`]), and with them which faces are wound
-//! against the rest of their component. An edge whose faces run along it in the same direction asks for one of them to
-//! be turned: a parity between nodes, kept in the top bit of the parent. A contradiction (Möbius strip, some
+//! They are found by union-find over the edges ([`crate::base::union_find`]), together with the faces whose winding
+//! contradicts the rest of their component. If two faces traverse their shared edge in the same direction, one of them
+//! must be flipped: a parity between nodes, kept in the top bit of the parent. A contradiction (Möbius strip, some
 //! non-manifold edges) leaves the later edge unsatisfied. The parent array is a mapped file (4 B per node): with faces
-//! in scan or curve order its accesses are as local as the graph's. About 10 ns per face, on one thread. Where no two
-//! faces are wound against each other, which is known from the lengths of shared edges, components are found block by
-//! block on all threads instead (`component_blocks.rs`).
+//! in scan or curve order its accesses are as local as the graph's. About 10 ns per face, on one thread. If all
+//! windings agree, which the signs of the shared edges' lengths show, components are found block by block on all
+//! threads instead (`component_blocks.rs`).
 //!
-//! Where there are several, they are numbered by their first nodes, and what is known of each is an array in the work
-//! directory, in memory where the budget has room: 16 bytes per component, and a search of their first nodes for each
-//! run of nodes of one component. A mesh may have millions (triangles that share no vertex).
+//! If there are several, they are numbered by their first nodes, and their data are arrays in the work directory, in
+//! memory where the budget has room: 16 bytes per component, and one search among the first nodes for each run of nodes
+//! of one component. A mesh may have millions (triangles that share no vertex).
 
 use super::component_blocks::find_roots;
 use super::dual_edges::DualEdges;
@@ -24,7 +24,7 @@ use crate::store::{Context, MappedSlice};
 
 /// The file of the roots.
 pub const FILE: &str = "components.npy";
-/// Nodes between looks at the stop flag.
+/// Nodes between checks of the stop flag.
 const CHUNK: usize = 1 << 18;
 /// Nodes whose areas are summed at a time.
 const SUMMED: usize = 1 << 15;
@@ -32,9 +32,9 @@ const SUMMED: usize = 1 << 15;
 /// The components of a graph.
 #[derive(Debug)]
 pub struct Components {
-    /// Per node the first node of its component, with [`AGAINST`] where it is wound against it (n).
+    /// For each node the first node of its component, with [`AGAINST`] if their windings disagree (n).
     pub root: MappedSlice<u32>,
-    /// Whether any edge joins faces wound against each other.
+    /// Whether any edge joins faces of contradicting winding.
     pub mixed: bool,
     /// Size and area of each, where there are several.
     pub several: Option<Several>,
@@ -46,7 +46,7 @@ impl Components {
         self.several.as_ref().map_or(1, Several::count)
     }
 
-    /// The number of the component that `link`, one of the roots, tells; `near` is one to look at first.
+    /// The number of the component with the root `link`; `near` is a guess to try first.
     #[inline]
     pub fn number(&self, link: u32, near: usize) -> usize {
         self.several.as_ref().map_or(0, |several| several.number(link, near))
@@ -63,7 +63,7 @@ pub struct Several {
 }
 
 impl Several {
-    /// The components that `root` ([`Components::root`]) tells of `nodes`; `None` where there are less than two.
+    /// The components of `nodes` given by `root` ([`Components::root`]); `None` if there are fewer than two.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -84,7 +84,7 @@ impl Several {
         for (slot, first) in all.first.data().iter_mut().zip(firsts(0..n)) {
             *slot = first as u32;
         }
-        // Runs of nodes of one component: which, how many, and their area.
+        // Runs of nodes in one component: its number, their count and area.
         let sum = |k: usize, (): &mut ()| {
             let mut runs: Vec<(u32, u32, f64)> = Vec::new();
             nodes.view().each(chunk_range(n, SUMMED, k), |i, node| {
@@ -128,7 +128,7 @@ impl Several {
     #[inline]
     pub fn number(&self, link: u32, near: usize) -> usize {
         let (first, root) = (self.first.items(), link & !AGAINST);
-        // Nodes in sequence are mostly of one component, or of the next.
+        // Consecutive nodes are mostly in the same component, or in the next one.
         if first.get(near) == Some(&root) {
             return near;
         }
@@ -169,7 +169,7 @@ pub fn find_components(edges: &DualEdges, nodes: &NodeGeometry, context: Context
     Ok(Components { root, mixed, several })
 }
 
-/// Fills `parent` (n) with [`Components::root`]. Returns whether any edge joins faces wound against each other.
+/// Fills `parent` (n) with [`Components::root`]. Returns whether any edge joins faces of contradicting winding.
 fn node_by_node(edges: &DualEdges, parent: &mut [u32], cancel: &Cancel) -> Result<bool> {
     let (n, mut mixed) = (parent.len(), false);
     let mut parents = ParityForest::new(parent);
@@ -180,7 +180,7 @@ fn node_by_node(edges: &DualEdges, parent: &mut [u32], cancel: &Cancel) -> Resul
         }
         parents.add(i);
         let (mut mine, mut my_parity) = (i, 0);
-        // Rows ascend, and the other direction is seen from the later node.
+        // Rows ascend, and each edge is handled at its later node.
         for (e, near) in graph.entries(i).take_while(|(_, near)| *near < i) {
             let against = if graph.against(i, e) { AGAINST } else { 0 };
             mixed |= against != 0;

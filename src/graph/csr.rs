@@ -1,8 +1,8 @@
-//! Weighted graphs as arrays: a sparse matrix over mapped files, its raw slices, and a denser copy for fronts.
+//! Weighted graphs as arrays: a sparse matrix over mapped files, its raw slices, and a compact copy for fronts.
 //!
-//! Rows are compressed ([`Csr`]): the steps from node i are consecutive entries of `indices` and
-//! `weights`, and [`RowStarts`] says which. Half a byte per node and 8 per directed edge;
-//! [`Csr::neighbours`] walks the steps from a node.
+//! Rows are compressed ([`Csr`]): the edges from node i are consecutive entries of `indices` and `weights`, located by
+//! [`RowStarts`]. Half a byte per node and 8 per directed edge; [`Csr::neighbours`] iterates over the edges from a
+//! node.
 
 use super::row_starts::{OwnedRowStarts, RowStarts, StartsForm};
 use crate::base::{Error, Result};
@@ -17,11 +17,11 @@ use std::path::Path;
 pub(crate) const INDICES: &str = "graph_indices.npy";
 /// The file of the weights.
 pub(crate) const WEIGHTS: &str = "graph_weights.npy";
-/// The stage that makes the weights.
+/// The stage that computes the weights.
 pub(super) const WEIGHTS_STAGE: &str = "weights";
 
-/// A weighted graph as a sparse matrix over mapped files, well formed: this program built it, or
-/// checked it as it was opened.
+/// A weighted graph as a sparse matrix over mapped files. Always well formed: this program built it, or checked it when
+/// opening it.
 #[derive(Clone, Debug)]
 pub struct WeightedGraph {
     starts: OwnedRowStarts,
@@ -32,7 +32,7 @@ pub struct WeightedGraph {
 }
 
 impl WeightedGraph {
-    /// Puts together the arrays of a [`Csr`], which lie in the folder `path`, without scanning them.
+    /// Combines the arrays of a [`Csr`], which lie in the folder `path`, without scanning them.
     ///
     /// # Errors
     /// [`Error::WorkDir`] naming `path` when the lengths contradict each other.
@@ -62,7 +62,7 @@ impl WeightedGraph {
         Self::new(work.path(), starts, indices, weights, key)
     }
 
-    /// Gives up the weights, which the rows are made of, in a temporary `work`: 12 B a triangle of disk.
+    /// Deletes the weights in a temporary `work` once the rows are computed: 12 bytes of disk per triangle.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -72,11 +72,11 @@ impl WeightedGraph {
     }
 
     /// The graph as a matrix of `sprs` over the same arrays, for other programs: row i has the neighbours of node i and
-    /// the weights of the steps. With the feature `sprs`. Row starts are unpacked into memory, 8 bytes per node; one
-    /// pass checks that rows ascend.
+    /// the edge weights. Needs the feature `sprs`. Row starts are unpacked into memory, 8 bytes per node; one pass
+    /// checks that rows ascend.
     ///
     /// # Errors
-    /// [`Error::Unusable`] for arrays that are no valid matrix.
+    /// [`Error::Unusable`] for arrays that are not a valid matrix.
     #[cfg(feature = "sprs")]
     pub fn matrix(&self) -> Result<sprs::CsMatBase<f32, u32, Vec<u64>, &[u32], &[f32], u64>> {
         let starts = self.starts.view();
@@ -85,7 +85,7 @@ impl WeightedGraph {
             .map_err(|(.., problem)| Error::unusable("graph", problem.to_string(), "delete the work directory"))
     }
 
-    /// The arrays of entries, to be read past the mapping; `None` where they lie in memory.
+    /// The arrays of entries, to be read past the mapping; `None` if they are in memory.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -119,7 +119,7 @@ pub struct Csr<'a> {
     pub indices: &'a [u32],
     /// Weights (nnz), positive.
     pub weights: &'a [f32],
-    /// The same steps as triangle adjacency (n), for fronts; empty where it was not made.
+    /// The same edges as triangle adjacency (n), for fronts; empty if it was not built.
     pub triangles: &'a [TriangleNeighbours],
 }
 
@@ -139,26 +139,26 @@ impl<'a> Csr<'a> {
         self.len() == 0
     }
 
-    /// Where the steps from `node` lie in `indices` and `weights`.
+    /// The range of the edges from `node` in `indices` and `weights`.
     #[inline(always)]
     pub fn span(self, node: u32) -> Range<usize> {
         self.starts.span(node)
     }
 
-    /// The steps from `node`: its neighbours, ascending, each with the weight of the step.
+    /// The edges from `node`: its neighbours, ascending, each with the weight of the edge.
     #[inline(always)]
     pub fn neighbours(self, node: u32) -> impl Iterator<Item = (u32, f32)> + Clone + 'a {
         let span = self.span(node);
         self.indices[span.clone()].iter().copied().zip(self.weights[span].iter().copied())
     }
 
-    /// Asks the processor to fetch the first steps from `node`.
+    /// Prefetches the first edges from `node`.
     #[inline(always)]
     pub fn prefetch(self, node: u32) {
         self.prefetch_from(self.span(node).start);
     }
 
-    /// Asks the processor to fetch the first entries of a row that begins at `start`.
+    /// Prefetches the first entries of a row that starts at `start`.
     #[inline(always)]
     pub fn prefetch_from(self, start: usize) {
         prefetch(self.indices, start);
@@ -179,20 +179,20 @@ impl<'a> Csr<'a> {
     }
 }
 
-/// Nodes that lie this near to each other are asked for together: rows of a few pages.
+/// Nodes this close to each other are requested together: rows of a few pages.
 const NEAR: u32 = 512;
 
-/// Ascending `nodes` as ranges of nodes that are near each other.
+/// Ascending `nodes` grouped into ranges of nearby nodes.
 pub fn near_ranges(nodes: &[u32]) -> impl Iterator<Item = Range<usize>> + '_ {
     nodes.chunk_by(|a, b| b - a <= NEAR).map(|near| near[0] as usize..near[near.len() - 1] as usize + 1)
 }
 
-/// Nodes a chunk of the pass that makes them.
+/// Nodes per chunk of the pass that builds the records.
 const CHUNK: usize = 1 << 14;
-/// In the place of the first neighbour: there are more than three, look them up in the matrix.
+/// Replaces the first neighbour if there are more than three: look them up in the matrix.
 const MORE: u32 = u32::MAX;
 
-/// The steps from a node; where there are fewer than three, infinite ones to itself besides.
+/// The edges from a node; if there are fewer than three, padded with infinite edges to the node itself.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct TriangleNeighbours {
@@ -201,20 +201,20 @@ pub struct TriangleNeighbours {
 }
 
 impl TriangleNeighbours {
-    /// The steps, where there are no more than three.
+    /// The edges, if there are no more than three.
     #[inline(always)]
     pub fn steps(&self) -> Option<(&[u32; 3], &[f32; 3])> {
         (self.next[0] != MORE).then_some((&self.next, &self.weights))
     }
 }
 
-/// The graph of a closed triangle mesh in records of three steps, for fronts (n).
+/// The graph of a closed triangle mesh in records of three edges, for fronts (n).
 ///
-/// Nearly every face has three neighbours. With their numbers and the weights of the steps in one record a front needs
-/// one cache line per node instead of three and no row start, and its inner loop has a fixed length: with large pages
-/// a row takes about half the time (`benches/records`). It is a copy, 24 bytes per node beside the sparse matrix, so
-/// it is made only where many rows will be computed and half of the budget stays free; without it fronts walk the
-/// matrix, with the same result.
+/// Nearly every face has three neighbours. With their numbers and the weights in one record, a front reads one cache
+/// line per node instead of three and no row start, and its inner loop has a fixed length: with large pages a row takes
+/// about half the time (`benches/records`). It is a copy, 24 bytes per node beside the sparse matrix, so it is built
+/// only if many rows will be computed and half of the budget stays free; otherwise fronts use the matrix, with the same
+/// result.
 #[derive(Debug)]
 pub struct TriangleAdjacency {
     words: AlignedBuffer,
@@ -222,8 +222,8 @@ pub struct TriangleAdjacency {
 }
 
 impl TriangleAdjacency {
-    /// The triangle adjacency of `graph`; `None` where the budget has no room for it, and for plain row starts, whose
-    /// graphs have more than three neighbours a node. One parallel pass.
+    /// The triangle adjacency of `graph`; `None` if the budget has no room for it, and for plain row starts, whose
+    /// graphs have more than three neighbours per node. One parallel pass.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].

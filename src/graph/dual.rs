@@ -1,9 +1,9 @@
-//! The dual graph as a stage: built once into the work directory, opened as mapped arrays afterwards.
+//! The dual graph as a stage: built once into the work directory, then opened as mapped arrays.
 //!
-//! The work is done in the other files of this folder, each of which states its own memory and time; here their order
-//! is fixed. Kept, per triangle: 28 bytes of geometry, 36 of neighbours, centroid distances and edge lengths, and
-//! packed row starts; the weights are another 12. Computed geometry ([`super::node_geometry`]) saves 40 of these.
-//! Opening costs a pass over what is checked.
+//! The other files of this folder do the work, and each states its own memory and time; this file puts them in order.
+//! Kept per triangle: 28 bytes of geometry, 36 of neighbours, centroid distances and edge lengths, and packed row
+//! starts; the weights take another 12. Computed geometry ([`super::node_geometry`]) saves 40 of these. Opening costs
+//! one validation pass.
 
 use super::assemble_in_memory::assemble_in_memory;
 use super::bridges::{self, find_bridges};
@@ -41,20 +41,20 @@ pub struct GraphFacts {
     pub edges: u64,
     /// Mesh edges with one face, after welding.
     pub boundary_edges: u64,
-    /// Mesh edges with three faces or more.
+    /// Edges joined because they lie at exactly the same position.
     pub nonmanifold_edges: u64,
     /// Open edges joined to others at exactly the same position.
     pub welded_edges: u64,
-    /// Faces without area or with a coordinate that is no number.
+    /// Faces without area or with a non-finite coordinate.
     pub degenerate_faces: u64,
-    /// Those among them with a coordinate that is no number; 0 in graphs that were made before this was counted.
+    /// Those among them with a non-finite coordinate; 0 in graphs made before this was counted.
     #[serde(default)]
     pub unplaced_faces: u64,
-    /// Vertices far outside of the rest, which are taken to lie amid their neighbours.
+    /// Vertices far outside the rest, which were moved to the mean of their neighbours.
     pub stray_vertices: u64,
-    /// Faces whose normals were turned, because their winding contradicts their component's or points inwards.
+    /// Faces whose normals were flipped, because their winding contradicts their component's or points inwards.
     pub turned_faces: u64,
-    /// Edges between faces that no turning makes agree (Möbius strips, some non-manifold edges).
+    /// Edges whose faces cannot be oriented consistently (Möbius strips, some non-manifold edges).
     pub unoriented_edges: u64,
     /// Connected components, before bridging.
     pub components: u64,
@@ -67,7 +67,7 @@ pub struct GraphFacts {
 }
 
 impl GraphFacts {
-    /// What to tell of faces without a place, which are in the file `path`.
+    /// The note about faces without a position in the file `path`, if there are any.
     pub fn note(&self, path: &Path) -> Option<String> {
         let verb = if self.unplaced_faces == 1 { "face has a corner" } else { "faces have corners" };
         let why = "whose coordinates are not finite numbers: without area, with the label of what is around";
@@ -82,8 +82,8 @@ pub struct DualGraph {
     pub edges: DualEdges,
     /// Geometry of the nodes.
     pub nodes: NodeGeometry,
-    /// First node of each node's component before bridging, with the top bit where it was wound against it;
-    /// `None` where there is one component.
+    /// For each node the first node of its component before bridging, with the top bit set where its winding
+    /// contradicts; `None` if there is only one component.
     pub components: Option<MappedSlice<u32>>,
     /// Counts and sums.
     pub facts: GraphFacts,
@@ -94,9 +94,8 @@ pub struct DualGraph {
 const FILES: [&str; 6] = [nodes::FILE, BLOCKS, LONG_ROWS, INDICES, CENTROID_DISTANCES, EDGES];
 
 impl DualGraph {
-    /// Builds the graph of `mesh` (from the file `path`, whose identity is `input`) in `work`, or
-    /// opens it where that was done before. Stray vertices count as they lie; [`crate::graph::Ordered`] moves them
-    /// beforehand.
+    /// Builds the graph of `mesh` (from the file `path`, whose identity is `input`) in `work`, or opens it if it was
+    /// built before. Stray vertices are used as they are; [`crate::graph::Ordered`] moves them beforehand.
     ///
     /// # Errors
     /// [`crate::base::Error::Unusable`] for more than 2³² − 1 corners, [`crate::base::Error::Io`],
@@ -126,8 +125,8 @@ impl DualGraph {
         Self::told(GraphStage { mesh, path, input, computed: false }, context)
     }
 
-    /// The same without arrays of node geometry and shared edges, which are computed from the mesh at each look:
-    /// 24.5 bytes per triangle in place of 64.5. In a temporary work directory only.
+    /// The same, but node geometry and shared edges are not stored: they are computed from the mesh at each access.
+    /// 24.5 bytes per triangle instead of 64.5. Only in a temporary work directory.
     ///
     /// # Errors
     /// As [`DualGraph::build`].
@@ -135,7 +134,7 @@ impl DualGraph {
         Self::told(GraphStage { mesh, path, input, computed: context.work.is_temporary() }, context)
     }
 
-    /// Makes or reuses the graph; either way a note tells what is odd about the mesh.
+    /// Builds or opens the graph; either way, oddities of the mesh are noted.
     fn told(stage: GraphStage<'_>, context: Context<'_>) -> Result<Self> {
         let path = stage.path;
         let graph = context.stage(stage)?;
@@ -145,27 +144,27 @@ impl DualGraph {
         Ok(graph)
     }
 
-    /// Opens the finished graph of `work`, whatever mesh it is of, and tells the identity of what it was built from.
+    /// Opens the finished graph of `work`, whatever its mesh, and returns the identity of its input.
     ///
     /// # Errors
-    /// [`crate::base::Error::WorkDir`] where there is none or its files are gone or damaged.
+    /// [`crate::base::Error::WorkDir`] if there is none or its files are missing or damaged.
     pub fn kept(work: &WorkDir) -> Result<(Self, Value)> {
         let kept = work.kept::<GraphStage<'_>>("make it with the options of before: stage `record`")?;
         Ok((Self::open(work, kept.facts, StartsForm::Packed, kept.key)?, kept.inputs["input"].clone()))
     }
 
-    /// The graph of `n` nodes with the key `key` in `work`, as the process left it that has made or tested it. Its
-    /// files are not read for their checksums once more: a share needs a part of them.
+    /// The graph of `n` nodes with the key `key` in `work`, as left by the process that built or verified it. Checksums
+    /// are not tested again: a share reads only part of the files.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where there is none, [`Error::Io`], [`Error::Malformed`].
+    /// [`Error::WorkDir`] if there is none, [`Error::Io`], [`Error::Malformed`].
     pub(crate) fn prepared(key: String, n: usize, work: &WorkDir) -> Result<Self> {
         let facts = work.told::<GraphStage<'_>>().ok_or_else(|| work.damaged(MANIFEST, "tells of no graph"))?;
         let graph = Self::open(work, facts, StartsForm::Packed, key)?;
         if graph.nodes.len() != n {
             return Err(work.damaged(MANIFEST, "tells of another number of faces"));
         }
-        // A front over negative lengths would not end.
+        // A front over negative lengths would not terminate.
         if !graph.edges.centroid_distance.iter().all(|length| *length >= 0.) {
             return Err(work.damaged(FILES[4], "has lengths below 0"));
         }
@@ -183,7 +182,7 @@ impl DualGraph {
             }
             Some(array) => nodes::build(mesh, &frame, array, context.run).map(|(array, sums)| (array.into(), sums)),
         };
-        // Only one thread can tell which vertices blocks share.
+        // Finding the vertices that blocks share is single-threaded, so it runs beside the geometry.
         let (blocks, geometry) = beside(context.run.threads, || NodeBlocks::of(mesh, context), geometry)?;
         let (nodes, sums): (NodeGeometry, _) = geometry?;
         let (pairs, counts) = half_edges::matched(mesh, path, blocks?, context)?;
@@ -192,7 +191,7 @@ impl DualGraph {
             edges => edges,
         };
         drop(pairs);
-        // Where too many edges are ambiguous between two faces, store the edges instead of computing them.
+        // Too many edges cannot be computed from two faces alone: store all edges instead.
         let Some(edges) = edges else { return Self::make(&GraphStage { computed: false, ..*stage }, context, key) };
         let components = find_components(&edges, &nodes, context)?;
         let (mut edges, nodes, orientation) = orient(edges, nodes, &components, context)?;
@@ -246,7 +245,7 @@ impl DualGraph {
         Ok(Self { edges, nodes: nodes.into(), components, facts, key })
     }
 
-    /// Gives up the step lengths, which the weights are made of, in a temporary `work`: 12 B a triangle of disk.
+    /// Deletes the step lengths in a temporary `work` once the weights are computed: 12 bytes of disk per triangle.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`].
@@ -258,7 +257,7 @@ impl DualGraph {
         Ok(())
     }
 
-    /// The graph as a sparse matrix under `metric`: weights computed, or reused.
+    /// The graph as a sparse matrix under `metric`, with computed or reused weights.
     ///
     /// # Errors
     /// [`crate::base::Error::Parameter`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -266,8 +265,8 @@ impl DualGraph {
         self.weighted_with(metric, None, self.facts.area, context)
     }
 
-    /// The same with turning taken from `normals` instead of the faces' own, and lengths in units of the root of `area`
-    /// (in the frame).
+    /// The same with turning measured by `normals` instead of the faces' own, and lengths in units of the square root
+    /// of `area` (in the frame).
     ///
     /// # Errors
     /// As [`DualGraph::weighted`].
@@ -287,7 +286,7 @@ pub(crate) struct GraphStage<'a> {
     mesh: &'a Mesh,
     path: &'a Path,
     input: &'a Value,
-    /// Whether geometry is computed from the mesh at each look.
+    /// Whether geometry is computed from the mesh at each access.
     computed: bool,
 }
 
@@ -315,7 +314,7 @@ impl Stage for GraphStage<'_> {
 
     fn open(self, facts: GraphFacts, key: &str, context: Context<'_>) -> Result<DualGraph> {
         if self.computed {
-            // Which faces are turned, and which edges are listed, is nowhere but in the graph.
+            // The flipped faces and the listed edges are stored only in the arrays of the graph.
             return DualGraph::make(&self, context, key.to_string());
         }
         DualGraph::open(context.work, facts, StartsForm::Packed, key.to_string())
@@ -325,20 +324,21 @@ impl Stage for GraphStage<'_> {
         Some(("faces", self.mesh.faces.len() as u64))
     }
 
-    /// Half-edges and their pairs beside the nodes, matched by blocks, as in a good order; then pairs beside all that
-    /// is kept; then the components' roots.
+    /// Three phases: half-edges and their pairs beside the nodes, matched by blocks, as in a good order; then pairs
+    /// beside all that is kept; then the components' roots.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let Extent { faces: n, vertices, corners, threads: t, computed, .. } = *extent;
-        // Geometry, and per corner a neighbour and two lengths; or a neighbour and a length.
+        // Geometry, and per corner a neighbour and two lengths; or only a neighbour and one length.
         let (geometry, corner) = if computed { (0, 8) } else { (28 * n, 12) };
         let nodes = room.take(geometry);
         let marks = room.take(2 * vertices);
         let block = node_blocks::corners_a_block(corners, t, room.left() / 4);
         let matching = node_blocks::bytes(block.min(corners), t);
-        // About one in ten lies between blocks.
+        // About one in ten half-edges lies between blocks.
         let half_edges = ShuffleNeeds::new(corners / 10, 12, 3 * t, 3, room.left(), t);
         let left = room.left().saturating_sub(half_edges.granted);
-        // A table of pairs, for which the marks go; or blocks once more, with rows that wait.
+        // A table of pairs, for which the vertex marks are freed; or matching by blocks again, with finished rows
+        // waiting.
         let (pairs, granted, kept) = if half_edge_pairs::fit(corners, left) {
             (4 * corners, 4 * corners, 0)
         } else {
@@ -347,7 +347,7 @@ impl Stage for GraphStage<'_> {
         room.give_back(marks - kept);
         room.grant(granted);
         let mut edges = room.take(n / 2);
-        // Lengths are held where they can be assembled in memory: beside a table of pairs, all or none.
+        // Lengths are kept in memory if they can be assembled there: beside a table of pairs, all or none.
         let before = room.clone();
         let arrays = [room.take(4 * corners), room.lend(CENTROID_DISTANCES, 4 * corners), room.take(4 * corners)];
         if !computed && kept == 0 && !arrays.contains(&0) {
@@ -371,14 +371,14 @@ impl Stage for GraphStage<'_> {
     }
 }
 
-/// Normals that turning is measured with in place of the faces' own.
+/// Normals for measuring turning, instead of the faces' own.
 #[derive(Clone, Copy, Debug)]
 pub struct TurningNormals<'a> {
     /// Normal of each node (n).
     pub normals: &'a [[f32; 3]],
-    /// The radius that they are averaged over, in units of √(area).
+    /// The radius over which they are averaged, in units of √(area).
     pub radius: f32,
-    /// The version of the algorithm that made them: others would make other weights.
+    /// The version of the algorithm that made them; the weights depend on it.
     pub version: u32,
 }
 
@@ -430,7 +430,7 @@ impl Stage for WeightsStage<'_> {
         Some(("faces", self.graph.facts.nodes))
     }
 
-    /// Lengths go when weights are made of them.
+    /// Lengths are freed once weights are computed.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let weights = room.lend(WEIGHTS, 4 * extent.corners);
         let (memory, keeps) = (room.used(), 4 * extent.corners - weights);

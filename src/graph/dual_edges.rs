@@ -1,14 +1,14 @@
 //! The edges of the dual graph from half-edge pairs: sorted, without duplicates, with the length of each step.
 //!
-//! Buckets of pairs come in node order; a counting sort by corner groups them by node, and each row is sorted by
+//! Buckets of pairs arrive in node order; a counting sort by corner groups them by node, and each row is sorted by
 //! neighbour. The length of a step is |c_i − mid| + |c_j − mid| over the midpoint of the shared edge
-//! (`graph_centroid_distances`, in the frame; |c_i − c_j| where the midpoint is no number), the edge's own length is
-//! kept beside it. Two faces that share several edges get one entry: the shortest step, the summed edge length. Both
-//! directions are computed from the same numbers in a symmetric formula, so they agree to the bit.
+//! (`graph_centroid_distances`, in the frame; |c_i − c_j| if the midpoint is not finite); the edge's own length is
+//! stored beside it. Two faces that share several edges get one entry: the shortest step, the summed edge length. Both
+//! directions are computed from the same numbers by a symmetric formula, so they agree to the bit.
 //!
-//! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes per triangle written,
-//! sequentially; the last 12 are not where geometry is computed ([`super::node_geometry`]). Where all of it has room in
-//! memory, workers write where the rows will lie instead (`assemble_in_memory.rs`).
+//! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes per triangle, written
+//! sequentially; the last 12 are omitted if geometry is computed ([`super::node_geometry`]). If everything fits in
+//! memory, workers write the rows in place instead (`assemble_in_memory.rs`).
 
 use super::csr::{Csr, INDICES};
 use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
@@ -37,23 +37,22 @@ pub struct DualEdges {
     pub indices: MappedSlice<u32>,
     /// Step lengths in the frame (nnz), finite.
     pub centroid_distance: MappedSlice<f32>,
-    /// Lengths of the shared edges in the frame (nnz); negative where the two faces are wound against
-    /// each other and could not be turned (see [`super::orient`]); 0 for bridges.
-    /// Empty where they are computed from the mesh, which [`DualEdges::shared`] looks up either way, and where steps
-    /// are the edges, as in a [`super::vertex_graph`].
+    /// Lengths of the shared edges in the frame (nnz); negative if the windings of the two faces contradict and could
+    /// not be made consistent (see [`super::orient`]); 0 for bridges. Empty if they are computed from the mesh
+    /// ([`DualEdges::shared`] covers both cases), and if steps are the edges, as in a [`super::vertex_graph`].
     pub edge: MappedSlice<f32>,
-    /// What they are computed from.
+    /// The source of computed lengths.
     pub(super) computed: Option<Arc<ComputedEdges>>,
     /// Whether any length of a shared edge may be negative.
     pub(super) mixed: bool,
 }
 
 impl DualEdges {
-    /// Opens the edges of `nodes` nodes that an earlier run left in `work`, row starts in `form`, the rest in the files
-    /// that are named: neighbours, step lengths, lengths of shared edges where there are any.
+    /// Opens the edges of `nodes` nodes of an earlier run in `work`, with row starts in `form` and the rest in the
+    /// named files: neighbours, step lengths, and lengths of shared edges if there are any.
     ///
     /// # Errors
-    /// [`crate::base::Error::WorkDir`] where they contradict each other; [`crate::base::Error::Io`].
+    /// [`crate::base::Error::WorkDir`] if they contradict each other; [`crate::base::Error::Io`].
     pub(super) fn open(
         work: &WorkDir,
         nodes: usize,
@@ -72,7 +71,7 @@ impl DualEdges {
         })
     }
 
-    /// Whether lengths of shared edges are an array.
+    /// Whether lengths of shared edges are stored.
     pub(super) fn keeps_edges(&self) -> bool {
         self.computed.is_none() && self.edge.len() == self.indices.len()
     }
@@ -87,12 +86,12 @@ impl DualEdges {
         self.len() == 0
     }
 
-    /// The graph weighted by the lengths of its steps, in the frame.
+    /// The graph weighted by step lengths, in the frame.
     pub fn by_distance(&self) -> Csr<'_> {
         Csr::new(self.starts.view(), &self.indices, &self.centroid_distance)
     }
 
-    /// Edges of these arrays, all of them.
+    /// Edges consisting of exactly these arrays.
     pub(crate) fn of_arrays(
         starts: OwnedRowStarts,
         indices: MappedSlice<u32>,
@@ -108,14 +107,14 @@ impl DualEdges {
         SharedEdges { graph: self.by_shared_edge(), computed: self.computed.as_deref(), mixed: self.mixed }
     }
 
-    /// The graph with the lengths of the shared edges in the place of weights, some of them negative: for passes over
-    /// neighbours, not for fronts. Only where they are an array.
+    /// The graph with the lengths of the shared edges as weights, some of them negative: for passes over neighbours,
+    /// not for fronts. Only if they are stored.
     pub fn by_shared_edge(&self) -> Csr<'_> {
         Csr::new(self.starts.view(), &self.indices, &self.edge)
     }
 }
 
-/// An entry of a row while it is being put together.
+/// An entry of a row under construction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Entry {
     pub node: u32,
@@ -128,15 +127,14 @@ pub(super) struct EdgesWriter {
     starts: RowStartsWriter,
     indices: ArrayWriter<u32>,
     centroid_distance: ArrayWriter<f32>,
-    /// None where lengths are computed from the mesh, or are those of steps.
+    /// `None` if lengths are computed from the mesh, or equal those of steps.
     edge: Option<ArrayWriter<f32>>,
     /// Whether any length was negative.
     mixed: bool,
 }
 
 impl EdgesWriter {
-    /// For `nodes` rows of at most `entries` entries in all.
-    /// Lengths of shared edges are written if they are `kept`.
+    /// For `nodes` rows of at most `entries` entries in all. Lengths of shared edges are written if `kept`.
     pub fn create(nodes: usize, entries: usize, form: StartsForm, kept: bool, work: &WorkDir) -> Result<Self> {
         Ok(Self {
             starts: RowStartsWriter::create(form, nodes, work)?,
@@ -147,7 +145,7 @@ impl EdgesWriter {
         })
     }
 
-    /// Appends rows of the given degrees, whose entries lie one after another; `edge` counts only where it is kept.
+    /// Appends rows of the given degrees, whose entries are concatenated; `edge` is used only if it is kept.
     pub fn push(&mut self, degrees: &[u32], indices: &[u32], centroid_distance: &[f32], edge: &[f32]) -> Result<()> {
         self.starts.push(degrees)?;
         self.indices.push(indices)?;
@@ -170,8 +168,8 @@ impl EdgesWriter {
 
 /// Assembles the rows and writes row starts, `graph_indices`, `graph_centroid_distances`, `graph_edges`.
 ///
-/// Where `nodes` are computed from the mesh, so are the lengths of shared edges, except for those in a list; `None`
-/// where that list would be too long.
+/// If `nodes` are computed from the mesh, so are the lengths of shared edges, except for those in a list; `None` if
+/// that list would be too long.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -215,7 +213,7 @@ struct NodeRange {
     indices: Vec<u32>,
     centroid_distance: Vec<f32>,
     edges: Vec<f32>,
-    /// Of lengths that are computed, those that come out otherwise.
+    /// Edges whose length must be listed, as computing gives another one.
     listed: Vec<ListedEdge>,
 }
 
@@ -272,7 +270,7 @@ fn assemble_part(
     part
 }
 
-/// A row while it is being put together.
+/// Buffers for a row under construction.
 #[derive(Default)]
 pub(super) struct RowScratch {
     points: Vec<[f64; 3]>,
@@ -280,8 +278,8 @@ pub(super) struct RowScratch {
 }
 
 impl RowScratch {
-    /// The row of the face `own`, whose corners lie at `points` and are numbered from `first` on: an entry for each
-    /// neighbour that its `pairs` lead to, ascending. `node` gives the neighbours.
+    /// The row of the face `own`, whose corners lie at `points` and are numbered from `first` on: one entry for each
+    /// neighbour in its `pairs`, ascending. `node` returns a neighbour's node.
     #[inline]
     pub fn row(
         &mut self,
@@ -322,9 +320,9 @@ impl RowScratch {
     }
 }
 
-/// Sorts a row by neighbour, and makes one entry of those to the same.
+/// Sorts a row by neighbour and merges entries for the same neighbour.
 fn settle(row: &mut Vec<Entry>) {
-    // Ties of neighbour are resolved by value, so the order of pairs does not matter.
+    // Ties are broken by value, so the order of pairs does not matter.
     row.sort_unstable_by(|a, b| {
         a.node.cmp(&b.node).then(a.centroid_distance.total_cmp(&b.centroid_distance)).then(a.edge.total_cmp(&b.edge))
     });
@@ -337,7 +335,7 @@ fn settle(row: &mut Vec<Entry>) {
     });
 }
 
-/// Adds a second edge between two faces to the first: the shorter known step, the summed edge length.
+/// Merges a second edge between two faces into the first: the shorter finite step, the summed edge length.
 fn merge(kept: &mut Entry, entry: &Entry) {
     kept.centroid_distance = kept.centroid_distance.min(entry.centroid_distance);
     kept.edge = (kept.edge.abs() + entry.edge.abs()).copysign(kept.edge);

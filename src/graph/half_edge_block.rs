@@ -1,10 +1,10 @@
-//! The half-edges of a block of nodes, sorted and joined where they lie, in a core's cache.
+//! Matches the half-edges of a block of nodes in place, in a core's cache.
 //!
-//! In a block corners are counted from its first one, so a half-edge without its low vertex fits one word: the
-//! high vertex, the corner, the direction. Two passes over the faces count the words of each low vertex and store
-//! them, and the half-dozen of each low vertex are sorted by insertion. That gives the order of [`Sorter`] with a
-//! third of its bytes. Where a block's vertices lie far apart, as in a bad order, counting would cost more than it
-//! saves, and [`Sorter`] does it.
+//! Within a block corners are counted from its first one, so a half-edge without its low vertex fits in one word: the
+//! high vertex, the corner, the direction. Two passes over the faces count the words of each low vertex and store them,
+//! and the half-dozen of each low vertex are insertion-sorted. This gives the order of [`Sorter`] with a third of its
+//! bytes. If a block's vertices lie far apart, as in a bad order, counting would cost more than it saves, and
+//! [`Sorter`] is used.
 //!
 //! Cost: about 20 ns per triangle.
 
@@ -13,7 +13,7 @@ use super::node_blocks::NodeBlocks;
 use crate::base::Result;
 use crate::mesh::Mesh;
 
-/// Memory for matching blocks, one after another.
+/// Buffers for matching blocks, one after another.
 #[derive(Default)]
 pub(super) struct BlockMatcher {
     counts: Vec<u32>,
@@ -25,8 +25,8 @@ pub(super) struct BlockMatcher {
 }
 
 impl BlockMatcher {
-    /// Joins the half-edges that meet inside of block `block`, and hands each edge that has not two sides there, or
-    /// that other blocks may have, to `edge`, with whether these may.
+    /// Joins the half-edges that meet within block `block`. Passes each edge that does not have exactly two sides
+    /// there, or that other blocks may share, to `edge`, with whether they may.
     pub fn match_block(
         &mut self,
         mesh: &Mesh,
@@ -53,7 +53,7 @@ impl BlockMatcher {
         counts.resize(width + 1, 0);
         for_each(mesh, nodes.clone(), |h| counts[(h.low() - low) as usize + 1] += 1);
         (0..width).for_each(|v| counts[v + 1] += counts[v]);
-        // Each word is written below.
+        // Every word is overwritten below.
         words.resize(counts[width] as usize, 0);
         for_each(mesh, nodes, |h| {
             let slot = &mut counts[(h.low() - low) as usize];
@@ -88,7 +88,7 @@ impl BlockMatcher {
         Ok(())
     }
 
-    /// The same for vertices that lie far apart.
+    /// The same if the vertices lie far apart.
     fn match_far_apart(
         &mut self,
         mesh: &Mesh,
@@ -115,7 +115,7 @@ impl BlockMatcher {
     }
 }
 
-/// Sorts words, mostly half a dozen. Inlined, because a call would cost as much as the work.
+/// Sorts words, mostly half a dozen. Inlined, because a call would cost as much as the sort.
 #[inline(always)]
 fn sort_few(words: &mut [u64]) {
     if words.len() > 16 {

@@ -1,10 +1,10 @@
-//! Half-edge pairs, between matching and assembling: which node lies across which corner's edge.
+//! Half-edge pairs, between matching and assembling: which node is across which corner's edge.
 //!
-//! Where the budget has room for 4 bytes per corner, a pair is written where it will be read: nearly every corner has
-//! one, so a table by corner is the sorted list already. The second pair of a corner (a middle face of an edge of
-//! three) goes to a list beside. Otherwise pairs inside of a block of faces are found again when the block is taken,
-//! and only those between blocks are shuffled, 8 bytes each; without blocks all are. Every way hands over the same
-//! pairs in the same order.
+//! If the budget has room for 4 bytes per corner, pairs go to a table indexed by corner. Nearly every corner has one
+//! pair, so the table is already the sorted list. The second pair of a corner (a middle face of an edge of three) goes
+//! to a separate list. Otherwise pairs within a block of faces are matched again when the block is taken, and only
+//! those between blocks are shuffled, 8 bytes each; without blocks all are. Every method delivers the same pairs in the
+//! same order.
 
 use super::half_edge_block::BlockMatcher;
 use super::half_edge_sort::Match;
@@ -22,13 +22,13 @@ use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 
-/// The bit of [`HalfEdgePair::node`] that says that both faces run along the edge in the same direction: they are wound
-/// against each other. Nodes need the other 31 bits: see [`crate::mesh::geometry::MOST_FACES`].
+/// The bit of [`HalfEdgePair::node`] that marks contradicting winding: both faces traverse the edge in the same
+/// direction. Nodes use the other 31 bits: see [`crate::mesh::geometry::MOST_FACES`].
 pub const AGAINST: u32 = PARITY;
-/// No pair, in the table; no node has this number, with [`AGAINST`] or without.
+/// No pair, in the table; never the number of a node, with or without [`AGAINST`].
 pub(super) const NO_NODE: u32 = u32::MAX;
-/// The node across a corner's edge, or [`NO_NODE`]. It is kept as its complement: zeroed memory holds no node, and is
-/// not touched before there is one.
+/// The node across a corner's edge, or [`NO_NODE`]. Stored as its complement, so that zeroed memory means no node and
+/// untouched pages stay untouched.
 #[derive(Debug, Zeroable)]
 #[repr(transparent)]
 pub(super) struct AcrossCorner(AtomicU32);
@@ -45,16 +45,16 @@ impl AcrossCorner {
     }
 }
 
-/// Nodes handed over at a time from the table.
+/// Nodes taken at a time from the table.
 const CHUNK: usize = 1 << 14;
 
-/// One direction of a match: across the edge that leaves `corner` lies `node`.
+/// One direction of a match: `node` is across the edge that leaves `corner`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
 #[repr(C)]
 pub struct HalfEdgePair {
     /// Corner number in the mesh; its face is where the step starts.
     pub corner: u32,
-    /// The node on the other side, with [`AGAINST`] where its winding contradicts.
+    /// The node on the other side, with [`AGAINST`] if its winding contradicts.
     pub node: u32,
 }
 
@@ -71,7 +71,7 @@ impl HalfEdgePair {
         self.node & !AGAINST
     }
 
-    /// Whether the two faces are wound against each other.
+    /// Whether the windings of the two faces contradict.
     #[inline]
     pub fn against(&self) -> bool {
         self.node & AGAINST != 0
@@ -87,11 +87,12 @@ pub struct HalfEdgePairs<'a> {
 
 #[derive(Debug)]
 enum Kind<'a> {
-    /// A node a corner, and what did not fit.
+    /// One node per corner, and the pairs that did not fit.
     Table { across: Vec<AcrossCorner>, more: Mutex<Vec<HalfEdgePair>>, _grant: Grant },
-    /// By node, in buckets.
+    /// Sorted by node, in buckets.
     Shuffled { sized: BudgetedShuffle<HalfEdgePair>, by_node: RangeBuckets },
-    /// Those between blocks by block; how many there are within; the blocks, from [`HalfEdgePairs::keep`] on.
+    /// Pairs between blocks, sorted by block; the number of pairs within blocks; the blocks, once
+    /// [`HalfEdgePairs::keep`] was called.
     Within {
         between: Shuffle<HalfEdgePair>,
         within: AtomicUsize,
@@ -101,18 +102,18 @@ enum Kind<'a> {
     },
 }
 
-/// Where one thread adds pairs; close it with [`PairSink::finish`].
+/// One thread's handle for adding pairs; close it with [`PairSink::finish`].
 pub(super) enum PairSink<'a> {
     Table(&'a [AcrossCorner], &'a Mutex<Vec<HalfEdgePair>>),
     Shuffled(Producer<'a, HalfEdgePair>, RangeBuckets),
-    /// Of one block each; nodes a block.
+    /// Pairs between blocks; the number is the nodes per block.
     Between(Producer<'a, HalfEdgePair>, usize),
-    /// Counted only: they are found again. How many so far, and where they are added up.
+    /// Pairs within blocks are only counted and matched again later: the count so far, and the total.
     Counted(usize, &'a AtomicUsize),
 }
 
-/// Whether the table of `corners` corners is made where `left` bytes of the budget are left. No corner has more than
-/// two pairs, so the list beside it holds at most twice the table's bytes.
+/// Whether a table for `corners` corners is used if `left` bytes of the budget are left. No corner has more than two
+/// pairs, so the separate list holds at most twice the table's bytes.
 pub fn fit(corners: u64, left: u64) -> bool {
     4 * corners <= left / 8
 }
@@ -120,18 +121,18 @@ pub fn fit(corners: u64, left: u64) -> bool {
 /// Bytes of the smallest staging block of pairs between blocks.
 const LEAST_STAGED: u64 = 256;
 
-/// What pairs inside of blocks take.
+/// Memory for pairs within blocks.
 pub(super) struct WithinNeeds {
-    /// Bytes staged of a block's pairs with others.
+    /// Bytes of a staging block of pairs between blocks.
     pub block: u64,
-    /// Bytes for what is staged, and for matching.
+    /// Bytes for staging and matching.
     pub fixed: u64,
     /// Bytes taken from the budget.
     pub granted: u64,
 }
 
 impl WithinNeeds {
-    /// For `blocks` blocks of `corners` corners, between which `between` half-edges lie, where `left` bytes are left.
+    /// For `blocks` blocks of `corners` corners, with `between` half-edges between blocks, if `left` bytes are left.
     pub fn new(blocks: u64, corners: u64, between: u64, threads: u64, left: u64) -> Self {
         let block = (left / 16 / (threads * blocks.max(1))).clamp(LEAST_STAGED, BLOCK_BYTES as u64);
         let fixed = block * threads * blocks + node_blocks::bytes(corners, threads);
@@ -140,7 +141,7 @@ impl WithinNeeds {
 }
 
 impl<'a> HalfEdgePairs<'a> {
-    /// None yet, of `mesh`, whose half-edges are matched in `blocks` where there are some.
+    /// An empty collection for `mesh`, whose half-edges are matched in `blocks` if there are any.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`].
@@ -163,7 +164,7 @@ impl<'a> HalfEdgePairs<'a> {
             let kind = Kind::Within { between, within: AtomicUsize::new(0), blocks: None, size, _grant: grant };
             return Ok(Self { nodes, kind });
         }
-        // A bucket waits as finished rows besides.
+        // A bucket also waits in the form of finished rows.
         let copies = 12 * threads;
         let sized = BudgetedShuffle::<HalfEdgePair>::new(
             &context.work.file("links.tmp"),
@@ -177,7 +178,7 @@ impl<'a> HalfEdgePairs<'a> {
         Ok(Self { nodes, kind: Kind::Shuffled { sized, by_node } })
     }
 
-    /// Where a thread adds pairs.
+    /// A handle for a thread to add pairs.
     pub(super) fn sink(&self) -> PairSink<'_> {
         match &self.kind {
             Kind::Table { across, more, .. } => PairSink::Table(across, more),
@@ -186,7 +187,7 @@ impl<'a> HalfEdgePairs<'a> {
         }
     }
 
-    /// Where a thread adds pairs inside of blocks.
+    /// A handle for a thread to add pairs within blocks.
     pub(super) fn sink_within(&self) -> PairSink<'_> {
         match &self.kind {
             Kind::Within { within, .. } => PairSink::Counted(0, within),
@@ -194,27 +195,28 @@ impl<'a> HalfEdgePairs<'a> {
         }
     }
 
-    /// Takes the blocks over, if they are needed again.
+    /// Keeps the blocks, if they are needed again.
     pub(super) fn keep(&mut self, of_mesh: Option<NodeBlocks<'a>>) {
         if let Kind::Within { blocks, .. } = &mut self.kind {
             *blocks = of_mesh;
         }
     }
 
-    /// Ends collecting: from here on pairs are taken.
+    /// Ends collecting; from here on pairs are taken.
     pub(super) fn seal(&mut self) {
         if let Kind::Table { more, .. } = &mut self.kind {
             more.get_mut().unwrap_or_else(|poison| poison.into_inner()).sort_unstable();
         }
     }
 
-    /// The node across each corner's edge, or [`NO_NODE`], where that is a table and no corner has two pairs.
+    /// The table of the node across each corner's edge, or [`NO_NODE`]; `None` unless it is used and no corner has two
+    /// pairs.
     pub(super) fn table(&self) -> Option<&[AcrossCorner]> {
         let Kind::Table { across, more, .. } = &self.kind else { return None };
         lock(more).is_empty().then_some(across)
     }
 
-    /// Number of pairs at the most.
+    /// Upper bound on the number of pairs.
     pub(super) fn bound(&self) -> usize {
         match &self.kind {
             Kind::Table { across, more, .. } => across.len() + lock(more).len(),
@@ -223,7 +225,7 @@ impl<'a> HalfEdgePairs<'a> {
         }
     }
 
-    /// Ranges of nodes in which pairs are handed over.
+    /// Number of node ranges in which pairs are taken.
     pub(super) fn parts(&self) -> usize {
         match &self.kind {
             Kind::Table { .. } => self.nodes.div_ceil(CHUNK),
@@ -241,7 +243,7 @@ impl<'a> HalfEdgePairs<'a> {
         }
     }
 
-    /// Takes the pairs of a part out, in the order of their corners.
+    /// Removes and returns the pairs of a part, in the order of their corners.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`].
@@ -292,7 +294,7 @@ impl PairSink<'_> {
         let pair = HalfEdgePair::of(found);
         match self {
             Self::Table(across, more) => {
-                // All pairs of an edge come from one thread at a time, so nobody else writes here.
+                // All pairs of an edge come from one thread, so nobody else writes here.
                 let place = &across[pair.corner as usize];
                 if place.node() == NO_NODE {
                     place.set(pair.node);
@@ -310,7 +312,7 @@ impl PairSink<'_> {
         }
     }
 
-    /// Hands over what is left.
+    /// Flushes the remaining pairs.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`].

@@ -1,8 +1,8 @@
-//! Half-edges from everywhere, sorted so that equal edges lie together, and joined.
+//! Sorts half-edges so that equal edges are adjacent, and joins them.
 //!
-//! Time: two passes over a bucket and tiny sorts, linear in its half-edges as long as their low vertices lie
-//! together. Memory: 12 bytes per half-edge of a bucket twice, as it comes and sorted, and 4 per low vertex,
-//! at most 16 per half-edge.
+//! Time: two passes over a bucket and tiny sorts, linear in its half-edges as long as their low vertices are close
+//! together. Memory: 12 bytes per half-edge of a bucket twice, unsorted and sorted, and 4 per low vertex, at most 16
+//! per half-edge.
 
 use crate::base::Result;
 use crate::mesh::Mesh;
@@ -10,7 +10,7 @@ use bytemuck::{Pod, Zeroable};
 use std::convert::Infallible;
 use std::ops::Range;
 
-/// A half-edge: its vertices in the direction of its face's winding, and the corner it leaves from.
+/// A half-edge: its vertices in the direction of its face's winding, and the corner where it starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct HalfEdge {
@@ -25,13 +25,13 @@ impl HalfEdge {
         self.from.min(self.to)
     }
 
-    /// Equal edges compare equal in the first two, whatever their direction.
+    /// Equal edges agree in the first two, whatever their direction.
     #[inline]
     fn key(&self) -> (u32, u32, u32) {
         (self.low(), self.from.max(self.to), self.corner)
     }
 
-    /// The rest of the key behind the low vertex.
+    /// The rest of the key after the low vertex.
     #[inline]
     fn rest(&self) -> u64 {
         u64::from(self.from.max(self.to)) << 32 | u64::from(self.corner)
@@ -43,7 +43,7 @@ impl HalfEdge {
     }
 }
 
-/// A face's side of an edge: the corner it leaves from, and its direction there.
+/// A face's side of an edge: the corner where it starts, and its direction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FaceSide {
     pub corner: u32,
@@ -58,7 +58,7 @@ pub(super) struct Sorter {
 }
 
 impl Sorter {
-    /// Sorts `records`, of which some may be gone afterwards.
+    /// Sorts `records`; may remove some of them.
     pub fn sort(&mut self, records: &mut Vec<HalfEdge>) {
         self.sorted.clear();
         if records.is_empty() {
@@ -68,7 +68,8 @@ impl Sorter {
         let (mut first, mut width) = (bounds.0, (bounds.1 - bounds.0) as usize + 1);
         let mut above = Vec::new();
         if width > 4 * records.len() + 1024 {
-            // Vertices far apart: counting all of them would cost more than sorting. Most of a block's lie together.
+            // Vertices far apart: counting all of them would cost more than sorting. Most of a block's are close
+            // together.
             (first, width) = around_the_median(records);
             let end = u64::from(first) + width as u64;
             records.retain(|record| {
@@ -88,7 +89,7 @@ impl Sorter {
         self.sorted.extend(above);
     }
 
-    /// Appends `records`, whose low vertices are the `width` from `first` on.
+    /// Appends `records`, whose low vertices are the `width` numbers from `first` on.
     fn count(&mut self, first: u32, width: usize, records: &[HalfEdge]) {
         self.counts.clear();
         self.counts.resize(width + 1, 0);
@@ -108,7 +109,7 @@ impl Sorter {
         }
         let mut start = 0;
         for &end in &self.counts[..width] {
-            // All of one low vertex: what is left to compare fits one word.
+            // All have the same low vertex: the rest of the key fits in one word.
             sorted[start..end as usize].sort_unstable_by_key(HalfEdge::rest);
             start = end as usize;
         }
@@ -120,7 +121,7 @@ impl Sorter {
     }
 }
 
-/// A window of low vertices around their median, twice as wide as there are `records`.
+/// A window of low vertices around their median, twice as wide as the number of `records`.
 fn around_the_median(records: &[HalfEdge]) -> (u32, usize) {
     let mut sample: Vec<u32> = records.iter().step_by(records.len().div_ceil(1024)).map(HalfEdge::low).collect();
     let middle = sample.len() / 2;
@@ -129,7 +130,7 @@ fn around_the_median(records: &[HalfEdge]) -> (u32, usize) {
     (first, 2 * records.len().min((u32::MAX - first) as usize / 2))
 }
 
-/// Calls `visit` with the half-edges of the faces of `nodes`; those from a vertex to itself are left out.
+/// Calls `visit` with the half-edges of the faces of `nodes`; those from a vertex to itself are skipped.
 pub(super) fn for_each(mesh: &Mesh, nodes: Range<usize>, mut visit: impl FnMut(HalfEdge)) {
     let Ok(()) = try_for_each(mesh, nodes, |half_edge| {
         visit(half_edge);
@@ -137,7 +138,7 @@ pub(super) fn for_each(mesh: &Mesh, nodes: Range<usize>, mut visit: impl FnMut(H
     });
 }
 
-/// The same until `visit` fails.
+/// The same, but stops when `visit` fails.
 #[inline]
 pub(super) fn try_for_each<E>(
     mesh: &Mesh,
@@ -165,11 +166,11 @@ pub(super) struct Match {
     pub from: usize,
     /// The face on the other side.
     pub to: usize,
-    /// Whether both faces run along the edge in the same direction.
+    /// Whether both faces traverse the edge in the same direction.
     pub against: bool,
 }
 
-/// Joins consecutive sides' faces both ways, in ascending corner order, where `apart(face, next)`.
+/// Joins the faces of consecutive sides in both directions, in ascending corner order, if `apart(face, next)`.
 pub(super) fn chain(
     mesh: &Mesh,
     sides: impl Iterator<Item = FaceSide>,

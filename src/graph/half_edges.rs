@@ -1,22 +1,22 @@
-//! Which faces touch: half-edges matched by their vertices, at any size and in any order.
+//! Which faces are adjacent: half-edges matched by their vertices, at any size and in any order.
 //!
 //! A face of c corners has c half-edges (low vertex, high vertex, corner). Equal ones are brought together by a
 //! counting sort by low vertex and small sorts by high vertex (`half_edge_sort.rs`): first block by block
-//! (`node_blocks.rs`) of consecutive faces, in the cache; then, of edges that several blocks may have, from everywhere,
-//! shuffled by low vertex into buckets. Where faces are scattered, all half-edges are shuffled. Corners ascend with
-//! blocks, so the chain of an edge (below) is the chains inside of its blocks, joined. Every match becomes two
-//! [half-edge pairs](super::half_edge_pairs) for [`super::dual_edges`]. An edge of k > 2 faces joins them as a chain in
-//! the order of the file: k − 1 matches keep the graph sparse where a soup hangs a million faces on one edge.
+//! (`node_blocks.rs`) of consecutive faces, in the cache; then those of edges that several blocks may share, shuffled
+//! by low vertex into buckets. If faces are scattered, all half-edges are shuffled. Corners ascend with blocks, so the
+//! chain of an edge (below) is the concatenation of the chains in its blocks. Every match becomes two [half-edge
+//! pairs](super::half_edge_pairs) for [`super::dual_edges`]. An edge of k > 2 faces joins them as a chain in the order
+//! of the file: k − 1 matches keep the graph sparse if a soup has a million faces on one edge.
 //!
-//! Boundary edges at exactly the same position are one edge, too ([`weld`]). Exporters duplicate vertices along texture
-//! seams, and STL-like soups give every face vertices of its own; by index alone such meshes fall to pieces. Only
-//! half-edges that found no partner by index are looked at, so a mesh that is whole costs nothing, and an edge that is
-//! matched is never changed. Positions are compared as numbers (−0 equals 0), by a 95-bit hash of both ends: at 3·10⁹
-//! open half-edges a false match has a chance below 1e-9.
+//! Boundary edges at exactly the same position are welded ([`weld`]). Exporters duplicate vertices along texture seams,
+//! and STL-like soups give every face vertices of its own; by index alone such meshes fall to pieces. Only half-edges
+//! without a partner by index are considered, so a mesh without seams costs nothing, and a matched edge is never
+//! changed. Positions are compared as numbers (−0 equals 0), by a 95-bit hash of both ends: at 3·10⁹ open half-edges
+//! the probability of a false match is below 1e-9.
 //!
 //! Memory and disk: 2 B per vertex, 12 B per half-edge that is shuffled, and 16 B per open half-edge, in memory where
-//! the budget allows, else on disk once out and once in; and the pairs: 4 B a corner in memory or, where that is too
-//! much, none for those inside of blocks, which are matched a second time when they are needed.
+//! the budget allows, else written to disk and read once; and the pairs: 4 B per corner in memory or, if that is too
+//! much, none for those within blocks, which are matched a second time when needed.
 
 use super::half_edge_block::BlockMatcher;
 use super::half_edge_pairs::{HalfEdgePairs, PairSink};
@@ -35,21 +35,21 @@ use xxhash_rust::xxh3::xxh3_128;
 
 const CHUNK: usize = 1 << 14;
 
-/// What matching found.
+/// Counts from matching.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EdgeCounts {
     /// Edges with one face, after welding.
     pub boundary: u64,
     /// Edges with three faces or more.
     pub nonmanifold: u64,
-    /// Boundary edges joined to others at exactly the same position.
+    /// Boundary edges welded to others at exactly the same position.
     pub welded: u64,
 }
 
-/// What the threads that match half-edges share.
+/// Shared state of the threads that match half-edges.
 struct Matching<'a> {
     mesh: &'a Mesh,
-    /// Half-edges whose partners may be anywhere, by low vertex.
+    /// Half-edges whose partners may be in any block, by low vertex.
     half_edges: &'a Shuffle<HalfEdge>,
     by_vertex: RangeBuckets,
     /// Corners of half-edges without a partner.
@@ -60,7 +60,7 @@ struct Matching<'a> {
     run: &'a Run<'a>,
 }
 
-/// Counts an edge that `sides` half-edges share, if it is one of three faces or more.
+/// Counts an edge shared by `sides` half-edges if it is non-manifold: three faces or more.
 #[inline]
 fn count_nonmanifold(nonmanifold: &AtomicU64, sides: usize) {
     if sides > 2 {
@@ -68,8 +68,8 @@ fn count_nonmanifold(nonmanifold: &AtomicU64, sides: usize) {
     }
 }
 
-/// Matches all half-edges of `mesh` (whose file `path` errors name), in its `blocks` where it has
-/// some; welds the boundary.
+/// Matches all half-edges of `mesh` (from the file `path`, for errors), in its `blocks` if there are any; welds the
+/// boundary.
 ///
 /// # Errors
 /// [`Error::Unusable`] above 2³² − 1 corners, [`Error::Io`], [`Error::Memory`],
@@ -84,7 +84,7 @@ pub(super) fn matched<'a>(
     check_size(nodes as u64, corners, path)?;
     let threads = context.run.threads as u64;
     let (file, what) = (|name| context.work.file(name), "matching edges");
-    // A bucket of half-edges is there raw, sorted, and as counts.
+    // A bucket of half-edges takes memory unsorted, sorted, and as counts.
     let records = blocks.as_ref().map_or(corners, |blocks| blocks.shared_half_edges().min(corners));
     let sized = BudgetedShuffle::<HalfEdge>::new(&file("half_edges.tmp"), what, records, 3 * threads, 3, context.run)?;
     let half_edges = &sized.shuffle;
@@ -104,7 +104,7 @@ pub(super) fn matched<'a>(
         Some(blocks) => matching.match_blocks(blocks, &pairs)?,
         None => matching.scatter()?,
     }
-    // What lies in one block was joined there.
+    // Faces of the same block were joined there already.
     let apart = |a: usize, b: usize| match &blocks {
         Some(blocks) => blocks.of_node(a) != blocks.of_node(b),
         None => a != b,
@@ -152,8 +152,8 @@ impl Matching<'_> {
         )
     }
 
-    /// Matches block by block where the blocks are: what cannot meet elsewhere is done, the rest goes to the half-edges
-    /// whose partners may be anywhere.
+    /// Matches block by block. Edges that cannot continue in other blocks are finished; the rest is pushed to the
+    /// half-edges whose partners may be in any block.
     fn match_blocks(&self, blocks: &NodeBlocks<'_>, pairs: &HalfEdgePairs<'_>) -> Result<()> {
         let sinks = || (pairs.sink_within(), self.half_edges.producer(), self.boundary.producer());
         self.run.each_chunk(
@@ -178,7 +178,7 @@ impl Matching<'_> {
     }
 }
 
-/// An open half-edge under the hash of its two end positions; the hash's last bit is its direction.
+/// An open half-edge with the hash of its two end positions; the hash's last bit is its direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 struct OpenHalfEdge {
@@ -196,8 +196,7 @@ impl OpenHalfEdge {
     }
 }
 
-/// Joins the half-edges of `boundary` (corner numbers) that coincide; returns how many found a
-/// partner.
+/// Welds the half-edges of `boundary` (corner numbers) that coincide; returns how many found a partner.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
@@ -250,8 +249,8 @@ fn weld(
     Ok(welded.into_inner())
 }
 
-/// The hash of a half-edge's ends, in either direction; `None` where a coordinate is no number
-/// or both ends coincide.
+/// The hash of a half-edge's ends, independent of direction; `None` if a coordinate is not finite or both ends
+/// coincide.
 fn keyed_by_position(mesh: &Mesh, corner: u32) -> Option<OpenHalfEdge> {
     let face = mesh.faces.face_of_corner(corner as usize);
     let slot = corner as usize - mesh.faces.corner_range(face).start;

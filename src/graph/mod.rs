@@ -3,8 +3,8 @@
 //! Built out of core in three shuffles and a few sequential passes ([`DualGraph::build`]): node geometry ([`nodes`]),
 //! half-edges matched by vertex or by position ([`half_edges`], [`half_edge_pairs`]), edges assembled in node order
 //! ([`dual_edges`]), components found ([`components`]) and joined ([`bridges`]), winding made consistent ([`orient`]),
-//! and weights ([`weights`]) as a pure function of the undirected edge. [`order`] sorts faces beforehand where the file
-//! scatters neighbours. Correspondence walks over the [`vertex_graph`] instead.
+//! and weights ([`weights`]) as a pure function of the undirected edge. If the file scatters neighbours, [`order`]
+//! sorts faces beforehand. Correspondence uses the [`vertex_graph`] instead.
 
 pub mod angle;
 mod assemble_in_memory;

@@ -1,36 +1,37 @@
-//! Blocks of consecutive nodes, and the vertices that several blocks have in common.
+//! Blocks of consecutive nodes, and the vertices shared by several blocks.
 //!
 //! In a good order nearly all neighbours of a face are close to it in number. Half-edges are then matched block by
-//! block where they lie, in a processor's cache, and only those between two vertices that several blocks use, a few
-//! in a hundred, have to be brought together from all over the mesh. Nothing of the size of the mesh is written for
-//! that but two bytes a vertex: the block that uses it. Where faces are scattered, most vertices belong to several
-//! blocks; such a mesh gets none.
+//! block in place, in a processor's cache, and only those between two vertices that several blocks use, a few in a
+//! hundred, have to be brought together from all over the mesh. The only data of the size of the mesh are two bytes per
+//! vertex: the block that uses it. If faces are scattered, most vertices belong to several blocks; such a mesh is not
+//! divided.
 //!
-//! Cost: one pass over the faces on one thread, about 5 ns per face, beside the pass that computes node geometry.
+//! Cost: one pass over the faces on one thread, about 5 ns per face, in parallel with the pass that computes node
+//! geometry.
 
 use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::{Context, MappedSlice, WorkDir};
 use std::ops::Range;
 
-/// Corners a block where there is room: with what sorting them takes, what a core's cache holds.
+/// Corners per block where there is room: including the memory for sorting, they fit a core's cache.
 const CORNERS: u64 = 3 << 15;
-/// Bytes a corner while a block is matched, by each thread: half-edges far apart, sorted, counts, and matches.
+/// Bytes per corner and thread while a block is matched: half-edges far apart, sorted, counts, and matches.
 const PER_CORNER: u64 = 12 + 12 + 16 + 8;
-/// The vertex is used by several blocks.
+/// Marks a vertex used by several blocks.
 const SEVERAL: u16 = u16::MAX;
 /// The file of the blocks that use each vertex.
 const FILE: &str = "vertex_blocks.tmp";
 
-/// Corners a block of a mesh of `corners` corners, where matching may take `room` bytes on each of `threads` threads. A
-/// finished block waits as rows besides, four for each thread.
+/// Corners per block for a mesh of `corners` corners, if matching may use `room` bytes on each of `threads` threads. Up
+/// to four finished blocks per thread also wait as rows.
 pub(super) fn corners_a_block(corners: u64, threads: u64, room: u64) -> u64 {
     // Blocks are numbered in 16 bits.
     let least = corners.div_ceil(u64::from(SEVERAL) - 2).max(3 << 10);
     (room / threads.saturating_mul(PER_CORNER + 4 * 12)).clamp(least, CORNERS.max(least))
 }
 
-/// Bytes that matching blocks of `corners` corners takes at a time.
+/// Bytes needed for matching blocks of `corners` corners.
 pub(super) fn bytes(corners: u64, threads: u64) -> u64 {
     PER_CORNER * corners * threads
 }
@@ -38,18 +39,18 @@ pub(super) fn bytes(corners: u64, threads: u64) -> u64 {
 /// Blocks of nodes.
 pub(super) struct NodeBlocks<'a> {
     nodes: usize,
-    /// Nodes a block.
+    /// Nodes per block.
     size: usize,
-    /// Corners of a block, about.
+    /// Corners per block, approximately.
     corners: usize,
-    /// Block of each vertex, from 1 on, or [`SEVERAL`]; `None` where there is one block.
+    /// The block of each vertex, from 1 on, or [`SEVERAL`]; `None` if there is only one block.
     block_of: Option<MappedSlice<u16>>,
     shared: u64,
     work: &'a WorkDir,
 }
 
 impl<'a> NodeBlocks<'a> {
-    /// The blocks of `mesh`; `None` where more than half of the vertices are used by several.
+    /// The blocks of `mesh`; `None` if more than half of the vertices are shared by several.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -80,7 +81,7 @@ impl<'a> NodeBlocks<'a> {
                         }
                     }
                 });
-                // A bad order shows early.
+                // A bad order is recognised early.
                 if block % 64 == 63 && 4 * shared > 3 * used {
                     break;
                 }
@@ -99,12 +100,12 @@ impl<'a> NodeBlocks<'a> {
         self.nodes.div_ceil(self.size)
     }
 
-    /// Corners of a block, about.
+    /// Corners per block, approximately.
     pub fn corners(&self) -> usize {
         self.corners
     }
 
-    /// About how many half-edges lead from one shared vertex to another, at most.
+    /// Estimated upper bound on the number of half-edges between two shared vertices.
     pub fn shared_half_edges(&self) -> u64 {
         6 * self.shared
     }
@@ -120,13 +121,13 @@ impl<'a> NodeBlocks<'a> {
         node / self.size
     }
 
-    /// The vertices that several blocks use; `None` where there is one block.
+    /// The vertices shared by several blocks; `None` if there is only one block.
     pub fn shared(&self) -> Option<SharedVertices<'_>> {
         self.block_of.as_ref().map(|of| SharedVertices(of))
     }
 }
 
-/// The vertices that several blocks use.
+/// The vertices shared by several blocks.
 #[derive(Clone, Copy)]
 pub(super) struct SharedVertices<'a>(&'a [u16]);
 

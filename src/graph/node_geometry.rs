@@ -1,11 +1,10 @@
-//! Geometry of the nodes, and lengths of the edges between them, as stages look at them: arrays,
-//! or computed from the mesh.
+//! Geometry of the nodes, and lengths of the edges between them, for the stages: stored in arrays, or computed from the
+//! mesh.
 //!
-//! Arrays cost 40 bytes per triangle: 28 of nodes, 12 of shared edges. Where a mesh is larger than memory, they
-//! cost more to read than the mesh's own 18 bytes, from which both follow in 10 to 20 ns a look. So such a mesh is
-//! not copied: [`FromMesh`] computes the same numbers to the bit, by the same functions that would have written
-//! them. Few edges cannot be told from two faces alone (welded ones, edges shared twice, some of non-manifold
-//! meshes); these are listed.
+//! Arrays cost 40 bytes per triangle: 28 of nodes, 12 of shared edges. If a mesh is larger than memory, they cost more
+//! to read than the mesh's own 18 bytes, from which both follow in 10 to 20 ns per access. So such a mesh is not
+//! copied: [`FromMesh`] computes the same numbers to the bit, with the same functions. A few edges cannot be computed
+//! from two faces alone (welded ones, edges shared twice, some of non-manifold meshes); these are listed.
 
 use super::nodes::{self, Frame, Node};
 use crate::base::Result;
@@ -16,10 +15,10 @@ use crate::store::{MappedSlice, Run};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Edges at the most that are listed, 12 bytes each; a mesh with more keeps arrays.
+/// Maximum number of listed edges, 12 bytes each; a mesh with more stores arrays.
 pub(super) const MOST_LISTED: usize = 1 << 20;
 
-/// Nodes a chunk of a pass.
+/// Nodes per chunk of a pass.
 const CHUNK: usize = 1 << 15;
 
 /// Geometry of the nodes (n).
@@ -30,27 +29,27 @@ pub struct NodeGeometry {
 }
 
 impl NodeGeometry {
-    /// Computed from `mesh` at each look.
+    /// Computed from `mesh` at each access.
     pub(super) fn computed(mesh: FromMesh) -> Self {
         Self { array: MappedSlice::empty(), mesh: Some(Arc::new(mesh)) }
     }
 
-    /// The mesh that it is computed from; `None` of an array.
+    /// The mesh it is computed from; `None` if it is stored.
     pub(super) fn mesh(&self) -> Option<&Arc<FromMesh>> {
         self.mesh.as_ref()
     }
 
-    /// The array; empty where there is none.
+    /// The array; empty if geometry is computed.
     pub(super) fn array(&self) -> &[Node] {
         &self.array
     }
 
-    /// Whether it is computed at each look.
+    /// Whether it is computed at each access.
     pub fn is_computed(&self) -> bool {
         self.mesh.is_some()
     }
 
-    /// The nodes to look at.
+    /// A view of the nodes.
     #[inline]
     pub fn view(&self) -> NodeView<'_> {
         NodeView(match &self.mesh {
@@ -87,7 +86,7 @@ impl NodeGeometry {
     }
 }
 
-/// Nodes (n) as passes look at them, wherever they are from.
+/// A view of the nodes (n), stored or computed.
 #[derive(Clone, Copy, Debug)]
 pub struct NodeView<'a>(Look<'a>);
 
@@ -120,7 +119,7 @@ impl<'a> NodeView<'a> {
         }
     }
 
-    /// Asks the processor to fetch the node `node`, where it lies in an array.
+    /// Prefetches the node `node`, if it is stored.
     #[inline]
     pub fn prefetch(self, node: usize) {
         if let Look::Array(array) = self.0 {
@@ -128,7 +127,7 @@ impl<'a> NodeView<'a> {
         }
     }
 
-    /// The area of the node `node`: what [`Self::at`] gives, for less.
+    /// The area of the node `node`: cheaper than [`Self::at`].
     #[inline]
     pub fn area(self, node: usize) -> f32 {
         match self.0 {
@@ -137,7 +136,7 @@ impl<'a> NodeView<'a> {
         }
     }
 
-    /// Shows the nodes of `range` to `see`, in order.
+    /// Calls `see` with the nodes of `range`, in order.
     #[inline]
     pub fn each(self, range: Range<usize>, mut see: impl FnMut(usize, &Node)) {
         match self.0 {
@@ -146,7 +145,7 @@ impl<'a> NodeView<'a> {
         }
     }
 
-    /// A window on the nodes of `range`, which `held` holds where they are computed: 28 bytes each.
+    /// A window on the nodes of `range`; if they are computed, `held` stores them: 28 bytes each.
     pub fn window(self, range: Range<usize>, held: &'a mut Vec<Node>) -> NodeWindow<'a> {
         match self.0 {
             Look::Array(items) => NodeWindow { nodes: self, first: 0, items },
@@ -159,7 +158,7 @@ impl<'a> NodeView<'a> {
         }
     }
 
-    /// Puts the areas of all nodes into `out` (n).
+    /// Writes the areas of all nodes to `out` (n).
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -179,18 +178,18 @@ impl<'a> From<&'a [Node]> for NodeView<'a> {
     }
 }
 
-/// Geometry for passes over a range of nodes and their neighbours, most of which lie in the range,
-/// too: computed once each.
+/// Geometry for passes over a range of nodes and their neighbours, most of which lie in the range too. Nodes of the
+/// range are computed once.
 #[derive(Clone, Copy, Debug)]
 pub struct NodeWindow<'a> {
     nodes: NodeView<'a>,
     first: usize,
-    /// The nodes of the range; all of them where they are an array.
+    /// The nodes of the range; all nodes if they are stored.
     items: &'a [Node],
 }
 
 impl NodeWindow<'_> {
-    /// The node `node`, in the range or not.
+    /// The node `node`, inside or outside the range.
     #[inline(always)]
     pub fn at(&self, node: usize) -> Node {
         match self.items.get(node.wrapping_sub(self.first)) {
@@ -199,8 +198,9 @@ impl NodeWindow<'_> {
         }
     }
 
-    /// The same without a copy where it lies in an array; `computed` holds it else. A copy is written in two pieces and
-    /// read in three, for which a processor waits: passes over edges take a third of the time without.
+    /// The same without a copy if it is stored; otherwise `computed` holds it. A copy is written in two pieces and read
+    /// in three, which defeats the processor's store forwarding: without it, passes over edges take a third of the
+    /// time.
     #[inline(always)]
     pub fn look<'b>(&'b self, node: usize, computed: &'b mut Node) -> &'b Node {
         match self.items.get(node.wrapping_sub(self.first)) {
@@ -219,30 +219,30 @@ impl From<MappedSlice<Node>> for NodeGeometry {
     }
 }
 
-/// A mesh in its frame, and which of its faces are turned.
+/// A mesh in its frame, and which of its faces are flipped.
 #[derive(Clone, Debug)]
 pub(super) struct FromMesh {
     pub mesh: Mesh,
     pub frame: Frame,
-    /// A bit for each face whose normal is turned, 64 to a word, the least bit first; empty where none is.
+    /// One bit per face, set if its normal is flipped, 64 to a word, least bit first; empty if no face is.
     pub turned: MappedSlice<u64>,
 }
 
 impl FromMesh {
-    /// Whether the normal of face `face` is turned.
+    /// Whether the normal of face `face` is flipped.
     #[inline]
     pub fn is_turned(&self, face: usize) -> bool {
         self.turned.get(face / 64).is_some_and(|word| word >> (face % 64) & 1 == 1)
     }
 
-    /// The node of face `face`. Out of line, as the others: loops over arrays stay small.
+    /// The node of face `face`. Not inlined, like the others, so that loops over arrays stay small.
     #[inline(never)]
     pub fn node(&self, face: usize) -> Node {
         let (node, _) = self.mesh.faces.with(face, |corners| Node::of_face(corners, &self.mesh, &self.frame));
         self.turn(face, node)
     }
 
-    /// The node of face `face`, whose normal is as the file winds it, with its normal turned if it has to be.
+    /// Flips the normal of `node`, which follows the winding in the file, if `face` is marked.
     #[inline]
     fn turn(&self, face: usize, mut node: Node) -> Node {
         if self.is_turned(face) {
@@ -251,7 +251,7 @@ impl FromMesh {
         node
     }
 
-    /// Shows the nodes of `range` to `see`, in order, in a loop without calls.
+    /// Calls `see` with the nodes of `range`, in order, in a loop without calls.
     #[inline]
     pub fn each_node(&self, range: Range<usize>, mut see: impl FnMut(usize, &Node)) {
         nodes::each_node(&self.mesh, self.frame, range, |face, node, _| see(face, &self.turn(face, *node)));
@@ -276,8 +276,8 @@ impl FromMesh {
         })
     }
 
-    /// Length of the first of `edges` that is one of face `to`, too, negative where both run along it in the same
-    /// direction; 0 where there is none.
+    /// Length of the first of `edges` that face `to` shares, negative if both traverse it in the same direction; 0 if
+    /// there is none.
     #[inline(never)]
     pub fn shared(&self, edges: &FaceEdges, to: usize) -> f32 {
         let (length, against) = match edges {
@@ -300,7 +300,7 @@ impl FromMesh {
     }
 }
 
-/// The edges of a face: corners and the lengths of the edges after them, or the face itself.
+/// The edges of a face: corners and the lengths of the edges that leave them, or only the face.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum FaceEdges {
     Triangle([u32; 3], [f32; 3]),
@@ -313,8 +313,8 @@ fn after(k: usize, len: usize) -> usize {
     if k + 1 == len { 0 } else { k + 1 }
 }
 
-/// The first edge of a face with the corners `a`, by its first corner, that a face with the corners `b` has, too, and
-/// whether both run along it in the same direction.
+/// The first edge of a face with the corners `a` that a face with the corners `b` shares, given by its first corner,
+/// and whether both traverse it in the same direction.
 #[inline]
 fn common_edge(a: &[u32], b: &[u32]) -> Option<(usize, bool)> {
     for k in 0..a.len() {
@@ -332,19 +332,19 @@ fn common_edge(a: &[u32], b: &[u32]) -> Option<(usize, bool)> {
     None
 }
 
-/// Edges between faces, computed from the mesh but for those that are listed.
+/// Edges between faces, computed from the mesh except for those that are listed.
 #[derive(Clone, Debug)]
 pub(super) struct ComputedEdges {
     pub mesh: Arc<FromMesh>,
-    /// From, to and length as matching found it, before faces were turned; ascending.
+    /// From, to and length as matched, before faces were flipped; ascending.
     pub listed: Arc<[ListedEdge]>,
 }
 
-/// An edge with the length that [`FromMesh::shared`] does not give.
+/// An edge whose length [`FromMesh::shared`] cannot compute.
 pub(super) type ListedEdge = (u32, u32, f32);
 
 impl ComputedEdges {
-    /// Length of the edge between two neighbours, negative where they are wound against each other.
+    /// Length of the edge between two neighbours, negative if their windings contradict.
     #[inline]
     fn between(&self, edges: &FaceEdges, from: u32, to: u32) -> f32 {
         let listed = if self.listed.is_empty() {
@@ -365,7 +365,7 @@ impl ComputedEdges {
 /// The graph with the lengths of shared edges.
 #[derive(Clone, Copy, Debug)]
 pub struct SharedEdges<'a> {
-    /// Neighbours, and the lengths where they are an array.
+    /// Neighbours, and the lengths if they are stored.
     pub(super) graph: super::Csr<'a>,
     pub(super) computed: Option<&'a ComputedEdges>,
     /// Whether any length may be negative.
@@ -373,8 +373,8 @@ pub struct SharedEdges<'a> {
 }
 
 impl<'a> SharedEdges<'a> {
-    /// The neighbours of `node`, each with the length of the shared edge in the frame: negative where the two are wound
-    /// against each other and could not be turned, 0 (of any sign) for bridges.
+    /// The neighbours of `node`, each with the length of the shared edge in the frame: negative if the windings of the
+    /// two contradict and could not be made consistent, 0 (of any sign) for bridges.
     #[inline(always)]
     pub fn neighbours(self, node: u32) -> impl Iterator<Item = (u32, f32)> + Clone + 'a {
         let computed = self.computed.map(|computed| (computed, computed.mesh.row(node as usize)));
@@ -393,7 +393,7 @@ impl<'a> SharedEdges<'a> {
         self.graph.will_need(nodes, run);
     }
 
-    /// The entries of the row of `node`, each with the neighbour there: for passes that ask for few lengths.
+    /// The entries of the row of `node`, each with its neighbour: for passes that need few lengths.
     #[inline(always)]
     pub fn entries(self, node: u32) -> impl Iterator<Item = (usize, u32)> + Clone + 'a {
         self.graph.span(node).map(move |e| (e, self.graph.indices[e]))

@@ -1,9 +1,9 @@
 //! Geometry of a node: centroid, normal and area of its face, in coordinates of the [`Frame`].
 //!
-//! All later work reads these 28 bytes per node and never the mesh again, except for the midpoints of edges, and where
-//! the mesh is larger than memory ([`super::node_geometry`]). Computed in `f64` from the file's own numbers, kept in
-//! `f32`: relative to a box of diagonal 1 that is 6e-8, whatever units and offsets the file has. One parallel pass,
-//! 10–20 ns per face, sequential writes.
+//! All later work reads these 28 bytes per node and never the mesh again, except for the midpoints of edges, and except
+//! if the mesh is larger than memory ([`super::node_geometry`]). Computed in `f64` from the file's own numbers, stored
+//! in `f32`: relative to a box of diagonal 1 that is a precision of 6e-8, whatever units and offsets the file has. One
+//! parallel pass, 10–20 ns per face, sequential writes.
 
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
@@ -16,27 +16,27 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Faces a chunk in passes over nodes.
+/// Faces per chunk in passes over nodes.
 pub const CHUNK: usize = 1 << 14;
 
 /// The file of the node geometry: `f32` (n, 7): centroid, normal, area.
 pub const FILE: &str = "node_geometry.npy";
 
-/// A node of the dual graph. Degenerate faces (fewer than three corners, no area, a coordinate
-/// that is not a number) have normal and area 0.
+/// A node of the dual graph. Degenerate faces (fewer than three corners, no area, a non-finite coordinate) have normal
+/// and area 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Node {
     /// Mean of the corners, in the frame.
     pub centroid: [f32; 3],
-    /// Unit normal by the winding of the file (Newell's for polygons).
+    /// Unit normal, oriented by the winding in the file (Newell's for polygons).
     pub normal: [f32; 3],
     /// Area in the frame (the box's diagonal is 1).
     pub area: f32,
 }
 
-/// The coordinates that geometry is kept in: the bounding box of the finite vertices that faces use, moved to the
-/// origin and scaled to diagonal 1.
+/// The coordinates of all geometry: the bounding box of the finite vertices that faces use, translated to the origin
+/// and scaled to diagonal 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
     /// Centre of the box, in units of the file.
@@ -54,32 +54,32 @@ impl Frame {
         Ok(Self::around(mesh.extent(run)?))
     }
 
-    /// The frame of a box; one of no size where it holds nothing.
+    /// The frame of a box; scale 1 at the origin for an empty box.
     fn around(bounds: BoundingBox) -> Self {
         if bounds[0][0] > bounds[1][0] {
             return Self { origin: [0.; 3], scale: 1. };
         }
-        // Halves first, so that the widest range a double can hold does not overflow.
+        // Halved first, so that the widest range of doubles does not overflow.
         let origin = [0, 1, 2].map(|axis| bounds[0][axis] / 2. + bounds[1][axis] / 2.);
         let half = [0, 1, 2].map(|axis| bounds[1][axis] / 2. - bounds[0][axis] / 2.);
         let widest = half.into_iter().fold(0., f64::max);
         let scale =
             if widest > 0. { 2. * widest * half.map(|h| (h / widest).powi(2)).iter().sum::<f64>().sqrt() } else { 1. };
-        // A diagonal beyond the doubles is the greatest double; one below them counts as none.
+        // A diagonal that overflows is clamped to the greatest double; one that underflows counts as none.
         Self { origin, scale: if scale > 0. { scale.min(f64::MAX) } else { 1. } }
     }
 
-    /// Whether squares and cubes of lengths in the file's units stay far within the doubles.
+    /// Whether squares and cubes of lengths in the file's units stay far within the range of doubles.
     pub fn is_of_common_size(&self) -> bool {
         (1e-60..1e60).contains(&self.scale)
     }
 
-    /// A point of the file in the frame.
+    /// Transforms a point of the file to the frame.
     #[inline(always)]
     pub fn place(&self, p: [f64; 3]) -> [f64; 3] {
         let [x, y, z] = self.origin;
         let moved = [p[0] - x, p[1] - y, p[2] - z];
-        // A product is three divisions cheaper, but the inverse of the smallest scales is infinite.
+        // A product is cheaper than three divisions, but the inverse of the smallest scales is infinite.
         let inverse = 1. / self.scale;
         if inverse < f64::INFINITY {
             [moved[0] * inverse, moved[1] * inverse, moved[2] * inverse]
@@ -95,7 +95,7 @@ impl Node {
     pub fn of_face(corners: &[u32], mesh: &Mesh, frame: &Frame) -> (Self, bool) {
         let Mesh { positions, .. } = mesh;
         match *corners {
-            // Without a closure, which would be called three times and divide each time.
+            // Not with a closure, which would be called three times and divide each time.
             [a, b, c] => {
                 let (a, b, c) = (positions.get(a), positions.get(b), positions.get(c));
                 Self::of_triangle(frame.place(a), frame.place(b), frame.place(c))
@@ -104,14 +104,13 @@ impl Node {
         }
     }
 
-    /// [`Node::of_corners`] of a triangle, without the general case: most faces are triangles,
-    /// and this is an inner loop.
+    /// [`Node::of_corners`] specialised to triangles: most faces are triangles, and this is an inner loop.
     #[inline]
     fn of_triangle(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> (Self, bool) {
         let normal = cross(minus(b, a), minus(c, a));
         let length = length(normal);
         let area = (length / 2.) as f32;
-        // A coordinate that is no number makes the length none.
+        // A NaN coordinate makes the length NaN.
         if !(area > 0. && length.is_finite()) {
             return Self::of_degenerate([a, b, c]);
         }
@@ -119,7 +118,7 @@ impl Node {
         (Self { centroid: narrow(sum, 1. / 3.), normal: narrow(normal, 1. / length), area }, false)
     }
 
-    /// Out of line: the loops that this would be in stay small.
+    /// Not inlined, so that the calling loops stay small.
     #[cold]
     #[inline(never)]
     fn of_degenerate(corners: [[f64; 3]; 3]) -> (Self, bool) {
@@ -160,7 +159,7 @@ impl Node {
     }
 }
 
-/// What [`build`] learns on its pass.
+/// Totals from the pass of [`build`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NodeSums {
     /// Sum of all areas, in the frame's units.
@@ -192,7 +191,7 @@ impl NodeSums {
     }
 }
 
-/// Shows to `see` the node of each face of `range`, in order, and whether the face is degenerate.
+/// Calls `see` with the node of each face of `range`, in order, and whether the face is degenerate.
 #[inline]
 pub fn each_node(mesh: &Mesh, frame: Frame, range: Range<usize>, mut see: impl FnMut(usize, &Node, bool)) {
     mesh.faces.for_each(range, |face, corners| {
@@ -201,7 +200,7 @@ pub fn each_node(mesh: &Mesh, frame: Frame, range: Range<usize>, mut see: impl F
     });
 }
 
-/// Fills `array`, that of [`FILE`], with the geometry of every face of `mesh`, in the order of the faces.
+/// Fills `array`, the content of [`FILE`], with the geometry of every face of `mesh`, in the order of the faces.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -228,7 +227,7 @@ pub fn build(
     Ok((array.finish(false)?, NodeSums::total(sums)))
 }
 
-/// The sums of [`build`] alone.
+/// Only the sums of [`build`].
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].

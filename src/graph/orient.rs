@@ -1,13 +1,13 @@
-//! Winding made consistent before any sign of turning is used.
+//! Makes the winding consistent before any sign of turning is used.
 //!
-//! Published meshes are not always wound consistently. In each component the faces wound against its first face are
-//! known from the union-find's parities ([`super::components`]); the smaller group by area is turned. Then a component
-//! that encloses a volume is turned as a whole where the volume is negative (normals point inwards); one that does not
-//! (a range scan, a relief, a room seen from within) keeps the direction of its file. Turning changes the normals in
-//! the node geometry only; faces are written as they came. Edges that still join faces wound against each other keep
-//! their negative length: no orientation exists there.
+//! Published meshes are not always wound consistently. In each component the faces whose winding contradicts its first
+//! face are known from the union-find's parities ([`super::components`]); the group with the smaller area is flipped.
+//! Then a component that encloses a volume is flipped as a whole if the volume is negative (normals point inwards); one
+//! that does not (a range scan, a relief, a room seen from within) keeps the direction of its file. Flipping changes
+//! only the normals in the node geometry; faces are written unchanged. Edges whose faces still contradict keep their
+//! negative length: no orientation exists there.
 //!
-//! Time: one sequential pass over nodes; the rest only where something has to be turned. Memory: a chunk of nodes; 73
+//! Time: one sequential pass over nodes; the rest only if something has to be flipped. Memory: a chunk of nodes; 73
 //! bytes per component in the work directory, in memory where the budget has room.
 
 use super::components::Components;
@@ -23,30 +23,30 @@ use crate::store::{Context, MappedSlice};
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
 
-/// Share of a sphere's volume (at equal area) from which on a component counts as enclosing one.
+/// Minimum volume of a component that counts as enclosing one, relative to a sphere of equal area.
 const ENCLOSES: f64 = 0.02;
-/// Share of the area that its vectors sum to, up to which it does: 0 of what is closed, .2 of a cube without a lid, .3
-/// to .5 of scans of rooms and bowls, which are seen from within.
+/// Maximum length of the summed area vectors, relative to the area, for such a component: 0 for closed surfaces, .2 for
+/// a cube without a lid, .3 to .5 for scans of rooms and bowls, which are seen from within.
 const OPEN: f64 = 0.25;
 
-/// What orienting found.
+/// Counts from orienting.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OrientationFacts {
-    /// Faces whose normals were turned.
+    /// Faces whose normals were flipped.
     pub turned: u64,
-    /// Directed entries that still join faces wound against each other.
+    /// Directed entries whose faces still have contradicting winding.
     pub unsatisfied: u64,
 }
 
-/// Sums of a component.
+/// Sums over a component.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 struct Sums {
-    /// Area with the first face's winding, and against it.
+    /// Area of the faces wound like the first face, and of the others.
     area: [f64; 2],
-    /// Σ a n over the faces, turned to the first face's winding.
+    /// Σ a n over the faces, oriented like the first face.
     vector: [f64; 3],
-    /// Σ a c·n and Σ a c, to take the volume about the centroid.
+    /// Σ a c·n and Σ a c, for the volume relative to the centroid.
     flux: f64,
     moment: [f64; 3],
 }
@@ -61,7 +61,8 @@ impl Sums {
     fn add(&mut self, node: &Node, against: bool) {
         let sign = if against { -1. } else { 1. };
         let area = f64::from(node.area);
-        // Which of two is not looked up: both would lie in memory, and each sum wait for the one before to be written.
+        // No indexing by `against`: it would force the sums into memory and make each addition wait for the previous
+        // store.
         self.area[0] += if against { 0. } else { area };
         self.area[1] += if against { area } else { 0. };
         for axis in 0..3 {
@@ -72,7 +73,7 @@ impl Sums {
         }
     }
 
-    /// Whether to turn the faces that go with the first one; else those against it are turned.
+    /// Whether to flip the faces wound like the first one; otherwise the others are flipped.
     fn turn(&self) -> bool {
         let area = self.area[0] + self.area[1];
         let majority = self.area[1] > self.area[0];
@@ -88,7 +89,7 @@ impl Sums {
     }
 }
 
-/// Turns normals where that makes winding consistent and outward; returns the edges and nodes to use from now on.
+/// Flips normals to make winding consistent and outward; returns the edges and nodes to use from now on.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -106,7 +107,7 @@ pub fn orient(
     if !components.mixed && !turn.contains(&1) {
         return Ok((edges, nodes, OrientationFacts::default()));
     }
-    // Faces wound against the first one are turned where that one is not.
+    // Faces that contradict the first one are flipped exactly if the first one is not.
     let turned_node = |node: usize| {
         let link = components.root[node];
         (turn[components.number(link, 0)] != 0) != (link & AGAINST != 0)
@@ -133,7 +134,7 @@ fn component_sums(nodes: &NodeGeometry, components: &Components, context: Contex
         let mut done = 0;
         for links in links.chunk_by(|a, b| a & !AGAINST == b & !AGAINST) {
             number = components.number(links[0], number);
-            // A copy, which stays in registers.
+            // A local copy, which stays in registers.
             let mut sums = of_components[number];
             for (link, node) in links.iter().zip(&some[done..]) {
                 sums.add(node, link & AGAINST != 0);
@@ -164,7 +165,7 @@ fn component_sums(nodes: &NodeGeometry, components: &Components, context: Contex
     Ok(sums)
 }
 
-/// The nodes with the normals of those turned that `turned_node` says; also how many.
+/// The nodes, with normals flipped where `turned_node` holds; also how many were flipped.
 fn turn_nodes(
     nodes: &NodeGeometry,
     turned_node: impl Fn(usize) -> bool + Sync,
@@ -186,8 +187,8 @@ fn turn_nodes(
     Ok((array.finish(false)?.into(), counts.into_iter().sum()))
 }
 
-/// The lengths of shared edges, negative where the faces are still wound against each other; also how many are. Edge by
-/// edge: turning one of two faces changes whether they are against each other.
+/// The lengths of shared edges, negative if the faces still contradict; also how many do. Edge by edge: flipping one of
+/// two faces changes whether they contradict.
 fn turn_edges(
     edges: &DualEdges,
     turned_node: impl Fn(usize) -> bool + Sync,
@@ -218,7 +219,7 @@ fn turn_edges(
 /// File of the bits of turned faces.
 const TURNED: &str = "node_turned.npy";
 
-/// The same where nodes and edges are computed from `mesh`: one bit per face.
+/// The same if nodes and edges are computed from `mesh`: one bit per face.
 fn turn_computed(
     edges: DualEdges,
     mesh: &FromMesh,

@@ -1,14 +1,14 @@
-//! The nearest point among those of a lower rank: a k-d tree that knows the least rank in each of its boxes.
+//! The nearest point among those of lower rank: a k-d tree that stores the least rank in each of its boxes.
 //!
-//! A component is joined to the nearest face of all larger ones, so each query has other points to choose from. A tree
-//! that grows by one component after the other answers that too, but on one thread, in the order of the areas, which
-//! jumps through space, and with rebalancing: 7 µs per component. Here all points are sorted into one tree first. A
-//! query passes boxes by that hold no lower rank or nothing nearer than what is found; any thread can ask, in any
-//! order. *Rejected:* a library's tree that lists points by distance until one has a lower rank: for the largest
+//! A component is joined to the nearest face of all larger ones, so each query has a different set of candidates. A
+//! tree to which one component after the other is added would work too, but on one thread, in the order of the areas,
+//! which jumps through space, and with rebalancing: 7 µs per component. Here all points are sorted into one tree first.
+//! A query skips boxes that hold no lower rank or nothing nearer than the best so far; queries run on any thread, in
+//! any order. *Rejected:* a library's tree that lists points by distance until one has a lower rank: for the largest
 //! components that is nearly all of them.
 //!
-//! The boxes halve the points at each level, so they need no pointers. Cost: 20 bytes per point, 2 to 4 per point for
-//! boxes, both in the work directory (in memory where the budget has room), and 0.1 to 1 µs per query.
+//! Each level halves the points, so boxes need no pointers. Cost: 20 bytes per point, 2 to 4 per point for boxes, both
+//! in the work directory (in memory where the budget has room), and 0.1 to 1 µs per query.
 
 use crate::base::Result;
 use crate::base::bounds::Bounds;
@@ -18,15 +18,15 @@ use crate::store::{Context, Run};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 
-/// Points of the smallest boxes, at the most.
+/// Maximum number of points in a leaf.
 const LEAF: usize = 16;
 
-/// A point of a rank.
+/// A point with a rank.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct RankedPoint {
     pub at: [f32; 3],
-    /// The node whose place it is.
+    /// The node at this position.
     pub node: u32,
     pub rank: u32,
 }
@@ -35,7 +35,7 @@ impl Item for RankedPoint {
     const DESCR: &'static str = "[('at','<f4',(3,)),('node','<u4'),('rank','<u4')]";
 }
 
-/// What is known of the points of a box.
+/// Bounds of the points in a box.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 struct RankedBox {
@@ -70,15 +70,16 @@ fn square(d: [f32; 3]) -> f32 {
     d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
 
-/// Points that can be searched.
+/// Searchable points.
 #[derive(Debug)]
 pub(super) struct RankedTree {
     points: ArrayMut<RankedPoint>,
-    /// Box 1 has all points, boxes 2 i and 2 i + 1 the halves of box i; as many leaves as other boxes and box 0.
+    /// Box 1 has all points, boxes 2 i and 2 i + 1 the halves of box i; box 0 is unused, and half of the array are
+    /// leaves.
     boxes: ArrayMut<RankedBox>,
 }
 
-/// The places of the points of box `i` among all `n`.
+/// The range of the points of box `i` among all `n`.
 fn span(i: usize, n: usize) -> Range<usize> {
     let depth = i.ilog2();
     let start = |j: usize| ((j as u64 * n as u64) >> depth) as usize;
@@ -107,13 +108,13 @@ impl RankedTree {
         Ok(Self { points, boxes })
     }
 
-    /// The squared distance and the node of the point nearest to `at` among those below `rank`; of several that are
-    /// equally near any, but always the same. `None` where there is none.
+    /// The squared distance and the node of the point nearest to `at` among those of rank below `rank`; of several
+    /// equally near ones always the same. `None` if there is none.
     pub fn nearest_below(&self, rank: u32, at: [f32; 3]) -> Option<(f32, u32)> {
         let (points, boxes) = (self.points.items(), self.boxes.items());
         let leaves = boxes.len() / 2;
         let mut best = (f32::INFINITY, None);
-        // At each level one box waits at the most.
+        // At most one box per level waits.
         let mut waiting = [(0f32, 0usize); usize::BITS as usize];
         (waiting[0], waiting[1]) = ((0., 0), (boxes[1].bounds.square_from(at), 1));
         let mut height = 2;
@@ -133,7 +134,7 @@ impl RankedTree {
                 continue;
             }
             let mut below = [2 * i, 2 * i + 1].map(|j| (boxes[j].bounds.square_from(at), j));
-            // The nearer one on top.
+            // The nearer one is pushed last, so that it is searched first.
             if below[0].0 <= below[1].0 {
                 below.swap(0, 1);
             }
@@ -144,8 +145,8 @@ impl RankedTree {
     }
 }
 
-/// Puts the points of box `i`, which are `points`, in the order of the boxes below it; there are `leaves` lowest boxes
-/// and `n` points in all.
+/// Sorts `points`, those of box `i`, into the order of the boxes below it; there are `leaves` leaves and `n` points in
+/// all.
 fn sort(points: &mut [RankedPoint], i: usize, leaves: usize, n: usize, run: &Run) -> Result<()> {
     if i >= leaves {
         return Ok(());
@@ -158,7 +159,7 @@ fn sort(points: &mut [RankedPoint], i: usize, leaves: usize, n: usize, run: &Run
     }
     let (left, right) = points.split_at_mut(half);
     let below = |points, i| sort(points, i, leaves, n, run);
-    // As many boxes side by side as there are threads.
+    // As many boxes in parallel as there are threads.
     if i < run.threads {
         let (left, right) = beside(run.threads, || below(left, 2 * i), || below(right, 2 * i + 1))?;
         return left.and(right);

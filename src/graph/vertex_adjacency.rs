@@ -1,9 +1,9 @@
-//! Which vertices share a side of a face: the graph of orders, without weights, joined duplicates or bridges, polygons
-//! not cut into triangles.
+//! Which vertices share a side of a face: the adjacency for orderings, without weights, without welding or bridges, and
+//! without triangulating polygons.
 //!
-//! Orders that look at vertices (breadth-first, Cuthill–McKee, sweeps, the exact Fiedler vector) need it; the dual
-//! graph does not hold it. One shuffle of both directions of every side, sorted a bucket at a time and written in
-//! order: 16 B a corner through the shuffle, 8 B a vertex and 4 B a direction kept (about 16 B a triangle).
+//! Orderings of vertices (breadth-first, Cuthill–McKee, sweeps, the exact Fiedler vector) need it; the dual graph does
+//! not contain it. One shuffle of both directions of every side, sorted bucket by bucket and written in order: 16 B per
+//! corner through the shuffle, 8 B per vertex and 4 B per direction kept (about 16 B per triangle).
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -20,12 +20,12 @@ const FILES: [&str; 2] = ["sides_indptr.tmp", "sides_indices.tmp"];
 pub struct VertexAdjacency {
     /// Row starts (vertices + 1).
     pub indptr: MappedSlice<u64>,
-    /// Neighbours, ascending in a row, without repetition.
+    /// Neighbours, ascending in a row, without duplicates.
     pub indices: MappedSlice<u32>,
 }
 
 impl VertexAdjacency {
-    /// The graph of `mesh`, in temporary files of `work`; see [`VertexAdjacency::remove`].
+    /// The adjacency of `mesh`, in temporary files of `work`; see [`VertexAdjacency::remove`].
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
@@ -33,7 +33,7 @@ impl VertexAdjacency {
         let (n, faces, corners) = (mesh.positions.len(), mesh.faces.len(), mesh.faces.corner_count() as u64);
         let copies = 8 * context.run.threads as u64;
         let path = context.work.file("side_links.tmp");
-        // What a bucket makes has an entry for each of its vertices, which may be more than its sides.
+        // The result for a bucket has an entry for each of its vertices, which may outnumber its sides.
         let records = (2 * corners).max(n as u64);
         let what = "the graph of vertices";
         let sized = BudgetedShuffle::<[u32; 2]>::new(&path, what, records, copies, 1, context.run)?;

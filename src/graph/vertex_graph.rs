@@ -1,18 +1,18 @@
 //! The vertex graph: one node per vertex, one edge per mesh edge with its length as the weight, and the
 //! triangles around each vertex.
 //!
-//! Correspondence works on it, as segmentation works on the dual graph. Built out of core in one shuffle: every
-//! triangle (also of [polygons](crate::mesh::polygon)) gives each of its vertices the other two, and a sorted bucket of
-//! these gives rows, rings, areas and open edges of its vertices. Components are bridged like those of the dual graph
-//! ([`super::components`]). Triangles with a coordinate that is no number, or with a vertex twice, are left out.
+//! Correspondence uses it, as segmentation uses the dual graph. Built out of core in one shuffle: every triangle (also
+//! of [polygons](crate::mesh::polygon)) gives each of its vertices the other two, and a sorted bucket of these gives
+//! rows, rings, areas and open edges of its vertices. Components are bridged like those of the dual graph
+//! ([`super::components`]). Triangles with a non-finite coordinate or a repeated vertex are skipped.
 //!
-//! Vertices of open edges at exactly the same position, as texture seams and triangle soups leave them, are joined
-//! by edges without length, so that distances pass. As for faces ([`super::half_edges`]), only open edges and only
-//! equal positions: sheets that touch stay apart. One shuffle by a hash of the position, 32 bytes per open vertex;
-//! nothing where a mesh is closed. The edges found are a file of 12 bytes each, and the chain through equal
-//! vertices follows their numbers.
+//! Vertices of open edges at exactly the same position, as along texture seams and in triangle soups, are joined by
+//! edges of length zero, so that paths can cross. As for faces ([`super::half_edges`]), only open edges and only equal
+//! positions count: sheets that touch stay separate. One shuffle by a hash of the position, 32 bytes per open vertex;
+//! free if a mesh is closed. The edges found are a file of 12 bytes each, and coincident vertices are chained in the
+//! order of their numbers.
 //!
-//! Cost: 36 bytes per triangle through the shuffle; on disk 28 and 8 bytes per vertex, 8 per end of an edge, 24 per
+//! Cost: 36 bytes per triangle through the shuffle; on disk 28 + 8 bytes per vertex, 8 per end of an edge, 24 per
 //! triangle. About 0.1 µs per triangle and thread.
 
 use super::bridges::{self, Bridge, find_bridges};
@@ -43,7 +43,7 @@ const CHUNK: usize = 1 << 14;
 /// The files of the stage.
 const FILES: [&str; 6] = ["vertex_geometry.npy", "ring_starts.npy", "ring.npy", PLAIN, INDICES, CENTROID_DISTANCES];
 
-/// Two other corners of a triangle, seen from its first: vertex, next, previous.
+/// A triangle seen from one of its vertices: vertex, next, previous.
 type Corner = [u32; 3];
 
 /// A vertex graph in a work directory.
@@ -51,16 +51,16 @@ type Corner = [u32; 3];
 pub struct VertexGraph {
     /// Its edges; lengths in the frame.
     pub edges: DualEdges,
-    /// Position (as `centroid`, in the frame) and a third of the area around (n); `normal` stays 0. The position of a
-    /// vertex without one is 0.
+    /// Position (as `centroid`, in the frame) and a third of the surrounding area (n); `normal` stays 0. A vertex
+    /// without a position is put at 0.
     pub nodes: MappedSlice<Node>,
-    /// Where each vertex's triangles begin (n + 1).
+    /// Where each vertex's triangles start (n + 1).
     pub ring_starts: MappedSlice<u64>,
-    /// The other two corners of each triangle around a vertex, in winding order (2 a triangle and corner).
+    /// The other two corners of each triangle around a vertex, in winding order (2 per triangle and corner).
     pub ring: MappedSlice<u32>,
     /// The frame.
     pub frame: Frame,
-    /// What was found.
+    /// Counts and sums.
     pub facts: VertexFacts,
 }
 
@@ -79,11 +79,11 @@ pub struct VertexFacts {
     pub components: u64,
 }
 
-/// Vertices at most: as of faces ([`crate::mesh::geometry::MOST_FACES`]), components keep a parity in the bit above
-/// their numbers.
+/// Maximum number of vertices: as for faces ([`crate::mesh::geometry::MOST_FACES`]), components keep a parity in the
+/// bit above the number.
 const MOST_VERTICES: u64 = MOST_FACES;
 
-/// Refuses a mesh in the file `path` of more vertices than nodes can have numbers.
+/// Rejects a mesh in the file `path` with more vertices than nodes can have numbers.
 fn check_size(vertices: usize, path: &Path) -> Result<()> {
     if vertices as u64 <= MOST_VERTICES {
         return Ok(());
@@ -127,7 +127,7 @@ impl VertexGraph {
         let sized = BudgetedShuffle::<Corner>::new(
             &context.work.file("corners.tmp"),
             "the vertex graph",
-            // What a bucket makes has a node for each of its vertices, which may be more than its corners.
+            // The result for a bucket has a node for each of its vertices, which may outnumber its corners.
             records.max(n as u64),
             6 * context.run.threads as u64,
             2,
@@ -151,8 +151,8 @@ impl VertexGraph {
         writer.finish(frame, context)
     }
 
-    /// The same in a work directory that lasts, or what was built there from the same `input` before; also the key
-    /// of the stage.
+    /// The same in a work directory that is kept: opened if it was built there from the same `input`, else built. Also
+    /// returns the key of the stage.
     ///
     /// # Errors
     /// As [`VertexGraph::build`].
@@ -180,7 +180,7 @@ impl VertexGraph {
         self.edges.by_distance()
     }
 
-    /// Whether `vertex` has an edge of one triangle only.
+    /// Whether `vertex` is on an edge of a single triangle.
     pub fn is_open(&self, vertex: u32) -> bool {
         let [start, end] = [vertex, vertex + 1].map(|v| 2 * self.ring_starts[v as usize] as usize);
         let mut around = self.ring[start..end].to_vec();
@@ -188,7 +188,7 @@ impl VertexGraph {
         around.chunk_by(|a, b| a == b).any(|same| same.len() == 1)
     }
 
-    /// 1/√area: what lengths are multiplied by to be comparable between surfaces.
+    /// 1/√area, the factor that makes lengths comparable between surfaces.
     pub fn unit(&self) -> f64 {
         1. / self.facts.area.sqrt().max(1e-300)
     }
@@ -256,7 +256,7 @@ impl VertexGraphWriter {
 
     /// Appends the next vertices, which are vertices of `mesh`.
     fn push(&mut self, mut part: VertexRange, mesh: &Mesh) -> Result<()> {
-        // One by one: how many vertices come at a time depends on memory and threads.
+        // One by one, since the number of vertices per call depends on memory and threads.
         part.nodes.iter().for_each(|node| self.facts.area += f64::from(node.area));
         self.facts.open += part.open.len() as u64;
         part.ring_ends.iter_mut().for_each(|at| *at += self.ring_end);
@@ -268,7 +268,7 @@ impl VertexGraphWriter {
         part.open.iter().try_for_each(|&v| self.duplicates.push(v, mesh.positions.get(v)))
     }
 
-    /// Joins duplicates and components, and opens the graph.
+    /// Joins coincident vertices and components, and opens the graph.
     fn finish(self, frame: Frame, context: Context<'_>) -> Result<VertexGraph> {
         let Self { nodes, ring_starts, ring, duplicates, mut facts, .. } = self;
         let (mut edges, nodes) = (self.edges.finish()?, nodes.finish(false)?);
@@ -320,7 +320,7 @@ impl Stage for VertexGraphStage<'_> {
         Ok((VertexGraph::open(facts, frame, context.work)?, key.to_string()))
     }
 
-    /// 8 bytes for each end of an edge, two of a corner at the most, 8 for the ring, and the nodes.
+    /// 8 bytes per end of an edge, at most two per corner, 8 for the ring, and the nodes.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let Extent { faces: n, vertices, corners, threads: t, .. } = *extent;
         let records = 3 * corners.saturating_sub(2 * n);
@@ -334,7 +334,7 @@ impl Stage for VertexGraphStage<'_> {
 
 /// Rows, rings and areas of the vertices of `range`, from their corners.
 fn part(mesh: &Mesh, frame: &Frame, range: std::ops::Range<usize>, mut corners: Vec<Corner>) -> VertexRange {
-    // The order in which threads pushed them must not show.
+    // The order in which threads pushed them must not matter.
     corners.sort_unstable();
     let mut part = VertexRange::default();
     let (mut rest, mut neighbours) = (&corners[..], Vec::new());
@@ -370,20 +370,20 @@ fn part(mesh: &Mesh, frame: &Frame, range: std::ops::Range<usize>, mut corners: 
     part
 }
 
-/// The edges between vertices at the same position, while they are inserted.
+/// Temporary file of the edges between coincident vertices.
 const JOINS: &str = "joins.tmp";
 
 /// Position bits and vertex.
 type PositionKey = [u64; 4];
 
-/// Open vertices on their way to their equals.
+/// Finds open vertices with equal positions.
 struct DuplicateVertices {
     sized: BudgetedShuffle<PositionKey>,
     staged: Vec<PositionKey>,
 }
 
 impl DuplicateVertices {
-    /// Ready for up to `n` vertices.
+    /// For up to `n` vertices.
     fn new(n: usize, context: Context<'_>) -> Result<Self> {
         let sized = BudgetedShuffle::new(&context.work.file("seams.tmp"), "seams", n as u64, 2, 4, context.run)?;
         Ok(Self { sized, staged: Vec::new() })
@@ -405,7 +405,7 @@ impl DuplicateVertices {
         producer.finish()
     }
 
-    /// The edges between equals.
+    /// The edges between coincident vertices.
     fn find(mut self, context: Context<'_>) -> Result<MappedSlice<Bridge>> {
         Self::scatter(&self.sized.shuffle, &mut self.staged)?;
         let mut joins = context.work.writer::<Bridge>(JOINS, 1)?;
@@ -443,7 +443,7 @@ mod tests {
         (points.collect(), faces.collect())
     }
 
-    /// Regression: the top bit of a number was taken for a parity, so that vertices had components of others.
+    /// Regression: the top bit of a number was taken for a parity, which corrupted the components of other vertices.
     #[test]
     fn vertices_beyond_31_bits_are_refused() {
         let told = |vertices: usize| check_size(vertices, "mesh.ply".as_ref()).map_err(|error| error.to_string());
@@ -451,7 +451,7 @@ mod tests {
         assert!(told(1 << 31).unwrap_err().contains("mesh.ply: has 2147483648 vertices"));
     }
 
-    /// Areas were summed bucket by bucket, and memory and threads decide how many buckets there are.
+    /// Regression: areas were summed bucket by bucket, and the number of buckets depends on memory and threads.
     #[test]
     fn the_area_has_the_same_bits_whatever_memory_and_threads() {
         let (points, faces) = sheet(150);
@@ -467,7 +467,7 @@ mod tests {
         }
     }
 
-    /// The fan of its first corner fills the notch of an L, across which distances would be shorter than they are.
+    /// The fan of its first corner fills the notch of an L, which would make distances across it too short.
     #[test]
     fn a_concave_polygon_is_not_left() {
         let ell = [[1., 1.], [1., 3.], [0., 3.], [0., 0.], [3., 0.], [3., 1.]].map(|[x, y]| [x, y, 0.]);
@@ -482,7 +482,7 @@ mod tests {
         }
     }
 
-    /// Each of them took the room of a triangle from the others.
+    /// Regression: each such face reduced the room for triangles.
     #[test]
     fn faces_without_corners_take_no_room_from_triangles() {
         let (points, mut faces) = sheet(20);

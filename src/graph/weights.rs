@@ -1,14 +1,14 @@
-//! Edge weights: how far apart two neighbouring faces are, for a front.
+//! Edge weights: the cost of stepping between two neighbouring faces.
 //!
-//! Two forms. [`Metric::ScaleFree`] (the default) adds turning to length in units of the shape's own size, w = d +
-//! β |θ| (1 concave, η convex): the same shape gives the same distances at every resolution (d: centroid distance),
-//! since turning angles add up along a path whatever the tessellation. [`Metric::Paper`] is the form of Katz and Tal
-//! (2003) and of Liu and Zhang (2004) that the paper builds on: δ d/mean(d) + (1−δ) a/mean(a), a = η (1 − cos θ),
-//! η = 1 for concave edges.
+//! Two forms. [`Metric::ScaleFree`] (the default) adds turning to length in units of the shape's own size, w = d + β
+//! |θ| (1 concave, η convex), where d is the centroid distance. The same shape gives the same distances at every
+//! resolution, since turning angles add up along a path whatever the tessellation. [`Metric::Paper`] is the form of
+//! Katz and Tal (2003) and of Liu and Zhang (2004) that the paper builds on: δ d/mean(d) + (1−δ) a/mean(a), a = η (1 −
+//! cos θ), η = 1 for concave edges.
 //!
-//! A weight is a symmetric formula of the two nodes and the step between them, so both
-//! directions agree to the bit. One parallel pass (two for the paper's form, for its means),
-//! 32 bytes read and 4 written an entry, about 5 ns an entry and thread.
+//! A weight is a symmetric formula of the two nodes and the step between them, so both directions agree to the bit. One
+//! parallel pass (two for the paper's form, for its means), 32 bytes read and 4 written per entry, about 5 ns per entry
+//! and thread.
 
 use super::angle::{between, chord2};
 use super::dual_edges::DualEdges;
@@ -19,12 +19,12 @@ use crate::base::{Error, Result};
 use crate::store::{Context, MappedSlice, Run};
 use serde::{Deserialize, Serialize};
 
-/// Least weight of an edge: keeps every step positive.
+/// Minimum weight of an edge: keeps every step positive.
 pub const LEAST: f32 = 1e-9;
 
-/// Nodes a chunk of the means of the paper's form; part of the results, since they add up by chunks.
+/// Nodes per chunk of the means of the paper's form; it affects results, since sums are formed by chunks.
 const CHUNK: usize = 1 << 15;
-/// Nodes a chunk of the weights.
+/// Nodes per chunk of the weights.
 const NODES: usize = 1 << 14;
 
 /// The form of the edge weights.
@@ -33,16 +33,16 @@ const NODES: usize = 1 << 14;
 pub enum Metric {
     /// d + β |θ| (1 concave, η convex), lengths in units of √(total area), angles in radians.
     ScaleFree {
-        /// Length that a turn of one radian is worth.
+        /// Length equivalent to a turn of one radian.
         beta: f32,
-        /// Share of it at convex edges.
+        /// Factor for convex turning.
         eta: f32,
     },
     /// δ d/mean + (1−δ) η(1−cos θ)/mean.
     Paper {
-        /// Share of the geodesic part.
+        /// Weight of the geodesic term.
         delta: f32,
-        /// Factor of convex turning.
+        /// Factor for convex turning.
         eta: f32,
     },
     /// Length alone, in units of √(total area).
@@ -81,15 +81,14 @@ impl Metric {
     }
 }
 
-/// Whether the edge between two faces is concave: seen from the middle, the normals lean
-/// towards each other. Symmetric to the bit.
+/// Whether the edge between two faces is concave: seen from its middle, the normals lean towards each other. Symmetric
+/// to the bit.
 #[inline]
 pub fn concave(a: &Node, b: &Node) -> bool {
     Side::of(a).leans_to(Side::of(b))
 }
 
-/// One of the two faces at an edge. References, since what a node is made of is read in place
-/// ([`super::node_geometry`]).
+/// One of the two faces at an edge. Holds references, since node data are read in place ([`super::node_geometry`]).
 #[derive(Clone, Copy, Debug)]
 struct Side<'a> {
     centroid: &'a [f32; 3],
@@ -103,7 +102,7 @@ impl<'a> Side<'a> {
         Self { centroid: &node.centroid, normal: &node.normal, area: node.area }
     }
 
-    /// The node of number `i`, with the normal that `normals` has for it, where there are some.
+    /// The node number `i`, with its normal from `normals` if given.
     #[inline(always)]
     fn with(node: &'a Node, normals: Option<&'a [[f32; 3]]>, i: usize) -> Self {
         match normals {
@@ -123,31 +122,31 @@ impl<'a> Side<'a> {
     }
 }
 
-/// The numbers of a metric that come from the whole mesh.
+/// Factors of a metric that depend on the whole mesh.
 #[derive(Clone, Copy, Debug)]
 struct Scale {
-    /// Factor on a step's length.
+    /// Factor for a step's length.
     centroid_distance: f32,
-    /// Factor on an angular distance.
+    /// Factor for an angular distance.
     angle: f32,
 }
 
 /// η (1 − cos θ), 0 beside a degenerate face.
 #[inline(always)]
 fn turning(a: Side<'_>, b: Side<'_>, eta: f32, against: bool) -> f32 {
-    // Without branches: which edges are concave is as good as random.
+    // Branch-free: which edges are concave is practically random.
     let turning = 0.5 * chord2(*a.normal, *b.normal) * if against | a.leans_to(b) { 1. } else { eta };
     if (a.area > 0.) & (b.area > 0.) { turning } else { 0. }
 }
 
-/// What the edges of a graph are weighted by.
+/// Inputs of the edge weights.
 #[derive(Clone, Copy, Debug)]
 pub struct Weighting<'a> {
     /// The edges (nnz).
     pub edges: &'a DualEdges,
     /// Geometry of the nodes (n).
     pub nodes: &'a NodeGeometry,
-    /// Normals (n) that take the place of the nodes' own, where given.
+    /// Normals (n) to use instead of the nodes' own, if given.
     pub normals: Option<&'a [[f32; 3]]>,
     /// Sum of the nodes' areas, in the frame.
     pub area: f64,
@@ -165,7 +164,7 @@ impl Weighting<'_> {
         let Scale { centroid_distance: unit, angle } = self.scale(run)?;
         let mut array = work.array::<f32>(name, &[self.edges.centroid_distance.len()])?;
         let out = array.data();
-        // A loop for each form, with nothing to decide inside. Where no orientation exists, turning counts as concave.
+        // A branch-free loop for each form. Where no orientation exists, turning counts as concave.
         match self.metric {
             Metric::Geodesic => self.fill(out, run, |_, _, length, _| length * unit),
             Metric::ScaleFree { eta, .. } => self.fill(out, run, |a, b, length, against| {
@@ -179,8 +178,7 @@ impl Weighting<'_> {
         array.finish(false)
     }
 
-    /// Fills `out` (nnz) with what `weight` makes of an edge: its nodes, its length, whether they are
-    /// wound against each other.
+    /// Fills `out` (nnz) with `weight` of each edge: its nodes, its length, whether their windings contradict.
     fn fill(
         &self,
         out: &mut [f32],
@@ -215,7 +213,7 @@ impl Weighting<'_> {
         Ok(())
     }
 
-    /// The scale of the metric on this mesh: from its area, or from means over all edges.
+    /// The factors of the metric on this mesh: from its area, or from means over all edges.
     fn scale(&self, run: &Run) -> Result<Scale> {
         let unit = if self.area > 0. { (1. / self.area.sqrt()) as f32 } else { 1. };
         Ok(match self.metric {
@@ -225,7 +223,7 @@ impl Weighting<'_> {
                 let [length, angle] = self.means(eta, run)?;
                 let inverse = |x: f64| {
                     let inverse = (1. / x) as f32;
-                    // So small a mean is as good as none: a plane, but for noise.
+                    // A mean this small counts as zero: a plane up to noise.
                     if inverse.is_finite() { inverse } else { 0. }
                 };
                 Scale { centroid_distance: delta * inverse(length), angle: (1. - delta) * inverse(angle) }
@@ -249,7 +247,7 @@ impl Weighting<'_> {
                     let near = edges.indices[e] as usize;
                     let to = Side::of(window.look(near, two));
                     let turning = turning(own, to, eta, edge.against(i as u32, e));
-                    // Each edge once; a 0 changes no sum, and a branch would be foretold as often as not.
+                    // Each edge once. Adding 0 changes no sum, and a branch would be mispredicted half of the time.
                     let once = near > i;
                     length += if once { f64::from(edges.weights[e]) } else { 0. };
                     angle += if once { f64::from(turning) } else { 0. };
@@ -272,7 +270,7 @@ mod tests {
     use crate::store::WorkDir;
     use serde_json::Value;
 
-    /// Where heights in a plane are noise, one over the mean of the angular distances was infinite in `f32`: edges that
+    /// Regression: in a plane with noisy heights, one over the mean angular distance was infinite in `f32`: edges that
     /// turn had infinite weights, and all others the least one, whatever their lengths.
     #[test]
     fn the_papers_weights_are_lengths_where_turning_is_noise() {

@@ -1,10 +1,10 @@
-//! Faces along the curve: each under the least of its corners' new numbers.
+//! Sorts faces along the curve: each by the least of its corners' new numbers.
 //!
-//! New vertex numbers reach the faces by random access where the ranks fit memory, else by two shuffles: corners go
-//! to their vertices' buckets, learn the new numbers there, and come back to their faces. An external
-//! sort by (least number, old face) then leaves faces in curve order with renumbered corners, and the
-//! order itself. Disk: 20 B a triangle (16 B a corner of other polygons), 40 B more without random
-//! access; written and read once, and only what memory does not hold.
+//! New vertex numbers reach the faces by random access if the ranks fit memory, else by two shuffles: corners go to
+//! their vertices' buckets, get the new numbers there, and return to their faces. An external sort by (least number,
+//! old face) then gives faces in curve order with renumbered corners, and the order itself. Disk: 20 B per triangle (16
+//! B per corner of other polygons), 40 B more without random access; written and read once, and only what memory does
+//! not hold.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -14,13 +14,13 @@ use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets, Shuffle, Sp
 use crate::store::{Context, MappedSlice, WorkDir};
 
 const CHUNK: usize = 1 << 14;
-/// The order itself: the face of the file at each place (u32, n).
+/// The order itself: the face of the file at each position (u32, n).
 pub(super) const ORDER: &str = "face_order.npy";
 const TRIANGLES: &str = "curve_triangles.npy";
 const STARTS: &str = "curve_starts.npy";
 const CORNERS: &str = "curve_corners.npy";
 
-/// The files that [`sort`] leaves for faces like `faces`.
+/// The files that [`sort`] writes for faces like `faces`.
 pub(super) fn files(faces: &Faces) -> &'static [&'static str] {
     match faces {
         Faces::Triangles { .. } => &[TRIANGLES],
@@ -28,7 +28,7 @@ pub(super) fn files(faces: &Faces) -> &'static [&'static str] {
     }
 }
 
-/// Opens the sorted faces of an earlier run over `faces`, whose corners are some of `vertices` vertices.
+/// Opens the sorted faces of an earlier run over `faces`, whose corner indices are below `vertices`.
 pub(super) fn open(faces: &Faces, vertices: usize, work: &WorkDir) -> Result<Faces> {
     match faces {
         Faces::Triangles { len, .. } => {
@@ -43,7 +43,7 @@ pub(super) fn open(faces: &Faces, vertices: usize, work: &WorkDir) -> Result<Fac
     }
 }
 
-/// Sorts `faces`, whose vertex v has become `rank[v]`.
+/// Sorts `faces`; `rank[v]` is the new number of vertex v.
 pub(super) fn sort(faces: &Faces, rank: &MappedSlice<u32>, in_memory: bool, context: Context<'_>) -> Result<()> {
     let job = FaceSort { faces, rank, in_memory, context };
     match faces {
@@ -95,14 +95,14 @@ struct FaceSort<'a> {
     context: Context<'a>,
 }
 
-/// What faces are sorted by, from their corners' new numbers.
+/// The sort key of a face, from its corners' new numbers.
 fn key(corners: &[u32]) -> u32 {
     corners.iter().copied().min().unwrap_or(u32::MAX)
 }
 
 impl FaceSort<'_> {
-    /// Sorts records of W words, which begin with key and face. `push(key, face, corners, out)` makes a face's
-    /// records; `write(records, order)` gets them sorted, whole faces, and appends the faces to `order`.
+    /// Sorts records of W words, which begin with key and face. `push(key, face, corners, out)` makes a face's records;
+    /// `write(records, order)` receives them sorted, in whole faces, and appends the faces to `order`.
     fn sort<const W: usize>(
         &self,
         records: u64,
@@ -143,7 +143,7 @@ impl FaceSort<'_> {
         order.finish(false).map(drop)
     }
 
-    /// Ranks by random access.
+    /// Looks up ranks by random access.
     fn look_up<const W: usize>(
         &self,
         sorting: &BudgetedShuffle<[u32; W]>,
@@ -164,7 +164,7 @@ impl FaceSort<'_> {
         )
     }
 
-    /// Ranks by two shuffles: to the vertices, and back to the faces.
+    /// Looks up ranks by two shuffles: to the vertices, and back to the faces.
     fn join<const W: usize>(
         &self,
         sorting: &BudgetedShuffle<[u32; W]>,
@@ -197,7 +197,7 @@ impl FaceSort<'_> {
         )
     }
 
-    /// Sends the new numbers of all corners to their faces: `ranked` gets pairs of corner and number.
+    /// Sends the new numbers of all corners to their faces: `ranked` receives pairs of corner and number.
     fn rank_corners(&self, ranked: &Shuffle<[u32; 2]>, by_face: RangeBuckets) -> Result<()> {
         let (run, n, total) = (self.context.run, self.faces.len(), self.faces.corner_count() as u64);
         let path = self.context.work.file("corners.tmp");

@@ -1,12 +1,12 @@
-//! The place of a point along Hilbert's curve through a cube (Skilling's transform, 2004).
+//! The position of a point along Hilbert's curve through a cube (Skilling's transform, 2004).
 //!
-//! Points near along the curve are near in space, so arrays in curve order keep a front's neighbourhood on few
-//! pages. 21 bits an axis, 63 in all; about 40 ns a point.
+//! Points close along the curve are close in space, so arrays in curve order keep a front's neighbourhood on few pages.
+//! 21 bits per axis, 63 in all; about 40 ns per point.
 
-/// Bits an axis.
+/// Bits per axis.
 pub const BITS: u32 = 21;
 
-/// The place along the curve of the cell `cell`, whose coordinates have [`BITS`] bits.
+/// The position along the curve of the cell `cell`, whose coordinates have [`BITS`] bits.
 pub fn place(mut cell: [u32; 3]) -> u64 {
     let top = 1u32 << (BITS - 1);
     let mut q = top;
@@ -37,7 +37,7 @@ pub fn place(mut cell: [u32; 3]) -> u64 {
     spread(cell[0]) << 2 | spread(cell[1]) << 1 | spread(cell[2])
 }
 
-/// The bits of `x`, two zeros between each.
+/// The bits of `x`, with two zeros between each.
 fn spread(x: u32) -> u64 {
     let mut x = u64::from(x) & 0x1f_ffff;
     x = (x | x << 32) & 0x1f_0000_0000_ffff;
@@ -47,7 +47,7 @@ fn spread(x: u32) -> u64 {
     (x | x << 2) & 0x1249_2492_4924_9249
 }
 
-/// The place of a point whose coordinates lie in [−½, ½]; points that are no numbers come last.
+/// The position of a point whose coordinates lie in [−½, ½]; non-finite points come last.
 pub fn place_of(point: [f64; 3]) -> u64 {
     if point.iter().any(|x| !x.is_finite()) {
         return u64::MAX;

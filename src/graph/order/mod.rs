@@ -1,11 +1,11 @@
-//! The order of faces: the file's, or along Hilbert's curve where the file's scatters neighbours.
+//! The order of faces: that of the file, or along Hilbert's curve if the file scatters neighbours.
 //!
-//! Out of core, order is everything: a front over scattered faces touches a page a face. So the locality of the file is
-//! measured ([`Locality`]), and where it is poor and the mesh large, vertices and faces are sorted along the curve by
-//! external sorts ([`vertex_sort`], [`face_sort`]) into a mesh of their own, which all stages work on as if it had been
-//! the file; `face_order` leads back, and [`NodeOrder::restore`] puts results in the file's order. Which order is
-//! chosen is a pure function of mesh and options. Cost of a reordering: about 0.3 µs per face and thread in memory; 22
-//! B per face kept on disk.
+//! Out of core, order is decisive: a front over scattered faces touches one page per face. So the locality of the file
+//! is measured ([`Locality`]). If it is poor and the mesh large, vertices and faces are sorted along the curve by
+//! external sorts ([`vertex_sort`], [`face_sort`]) into a new mesh, which all stages treat as if it were the file;
+//! `face_order` leads back, and [`NodeOrder::restore`] puts results in the file's order. Which order is chosen is a
+//! pure function of mesh and options. Cost of reordering: about 0.3 µs per face and thread in memory; 22 B per face
+//! kept on disk.
 
 mod face_sort;
 pub mod hilbert;
@@ -25,15 +25,15 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use vertex_sort::VERTICES;
 
-/// Values per chunk of the way back.
+/// Values per chunk when restoring the file's order.
 const RESTORED: usize = 1 << 16;
-/// Faces above which [`Order::Auto`] may reorder: below, all pages are at hand in any order.
+/// Number of faces above which [`Order::Auto`] may reorder: below, all pages are in memory in any order.
 pub const LARGE: usize = 2_000_000;
 /// Share of far steps above which [`Order::Auto`] reorders.
 pub const POOR: f64 = 0.25;
-/// Faces above which [`Order::Auto`] reorders stretched orders too, for fronts over all faces. At 372 M faces in 2 GiB
-/// a row takes 44 s along the curve and 60 s in rows of a grid, and sorting takes 100 s; at 100 M ten rows gain less
-/// than sorting takes, free and in 1 GiB.
+/// Number of faces above which [`Order::Auto`] also reorders stretched orders, for fronts over all faces. At 372 M
+/// faces in 2 GiB a row takes 44 s along the curve and 60 s in rows of a grid, and sorting takes 100 s; at 100 M, ten
+/// rows gain less than sorting costs, with all the memory or in 1 GiB.
 pub const HUGE: usize = 200_000_000;
 /// Stretch above which an order counts as stretched.
 pub const STRETCHED: f64 = 4.;
@@ -46,8 +46,8 @@ pub enum Order {
     Keep,
     /// Along Hilbert's curve.
     Hilbert,
-    /// Along the curve where the mesh has more than [`LARGE`] faces and more than [`POOR`] of the file's steps are far,
-    /// or, for rows over all faces, more than [`HUGE`] faces and an order stretched by more than [`STRETCHED`].
+    /// Along the curve if the mesh has more than [`LARGE`] faces and more than [`POOR`] of the file's steps are far,
+    /// or, for rows over all faces, if it has more than [`HUGE`] faces and a stretch above [`STRETCHED`].
     #[default]
     Auto,
 }
@@ -61,10 +61,10 @@ pub struct OrderParams {
     pub has_rows: bool,
 }
 
-/// What was found and done.
+/// What was measured and done.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OrderFacts {
-    /// Share of far steps in the file's order, 0 to 1; 0 where it was not looked at.
+    /// Share of far steps in the file's order, 0 to 1; 0 if it was not measured.
     pub far_steps: f64,
     /// How stretched runs of faces are in the file's order; 1 is a round patch.
     pub stretch: f64,
@@ -72,28 +72,28 @@ pub struct OrderFacts {
     pub reordered: bool,
 }
 
-/// Which face of the file each node is.
+/// Maps nodes to faces of the file.
 #[derive(Clone, Debug)]
 pub struct NodeOrder {
-    /// The face of the file that each node is (n); `None` where the file's order was kept.
+    /// The face of the file for each node (n); `None` if the file's order was kept.
     pub order: Option<MappedSlice<u32>>,
-    /// What was found and done.
+    /// What was measured and done.
     pub facts: OrderFacts,
 }
 
 impl NodeOrder {
-    /// The order of the `nodes` nodes that the graph in `work` was built in, `input` being the identity that it was
-    /// built from: the order's stage where faces were sorted, the file's otherwise.
+    /// The order in which the graph of `nodes` nodes in `work` was built, where `input` is the recorded identity of its
+    /// input: the order's stage if faces were sorted, else the file's order.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where the files of the stage are gone or damaged.
+    /// [`Error::WorkDir`] if the files of the stage are missing or damaged.
     pub fn kept(input: &Value, nodes: usize, work: &WorkDir) -> Result<Self> {
         if input["stage"] != OrderStage::NAME {
             let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: false };
             return Ok(Self { order: None, facts });
         }
         if work.is_temporary() {
-            // [`Ordered::into_nodes`] gave up all of the stage except the order.
+            // [`Ordered::into_nodes`] deleted everything of the stage except the order.
             let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: true };
             return Ok(Self { order: Some(work.array_of(ORDER, nodes)?), facts });
         }
@@ -105,15 +105,15 @@ impl NodeOrder {
         Ok(Self { order: Some(work.indices(ORDER, nodes, nodes)?), facts: kept.facts })
     }
 
-    /// The face of the file that `node` is.
+    /// The face of the file for `node`.
     pub fn face(&self, node: u32) -> u32 {
         self.order.as_ref().map_or(node, |order| order[node as usize])
     }
 
-    /// Puts `values` (n, one a node, 4 bytes each), which are the array `name` of `work`, in the order of the file's
-    /// faces, under the same name; where the file's order was kept they stay as they are. Values are scattered into the
-    /// mapped output where that fits memory, else shuffled by face, a bucket at a time: one pass over the nodes, and 8
-    /// B per value on disk where memory does not hold them.
+    /// Puts `values` (n, one per node, 4 bytes each), the array `name` of `work`, in the order of the file's faces,
+    /// under the same name; if the file's order was kept they are unchanged. Values are scattered into the mapped
+    /// output if that fits memory, else shuffled by face and written bucket by bucket: one pass over the nodes, and 8 B
+    /// per value on disk where memory does not hold them.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
@@ -160,27 +160,27 @@ impl NodeOrder {
                 pairs.shuffle.take(bucket)?.into_iter().for_each(|[face, word]| out[face as usize] = word);
             }
         }
-        // By rename: `values` stay mapped until they are dropped.
+        // Replaced by rename: `values` stay mapped until they are dropped.
         array.finish(false)
     }
 }
 
-/// A mesh in the order of its nodes.
+/// A mesh in node order.
 #[derive(Clone, Debug)]
 pub struct Ordered {
-    /// The mesh: the file's own, or its faces and vertices along the curve.
+    /// The mesh: that of the file, or its faces and vertices along the curve.
     pub mesh: Mesh,
-    /// The face of the file that each node is (n); `None` where the file's order was kept.
+    /// The face of the file for each node (n); `None` if the file's order was kept.
     pub order: Option<MappedSlice<u32>>,
-    /// What was found and done.
+    /// What was measured and done.
     pub facts: OrderFacts,
-    /// What later stages build on: the input's identity, and the order where it is not the file's.
+    /// The identity for later stages: that of the input, plus the order if it is not the file's.
     pub identity: Value,
 }
 
 impl Ordered {
-    /// Puts `mesh`, whose identity is `input`, in order, or opens what an earlier run left in `work`. Stray vertices
-    /// are moved to their neighbours first ([`Mesh::without_strays`]), and a note says so.
+    /// Orders `mesh`, whose identity is `input`, or opens the result of an earlier run in `work`. Stray vertices are
+    /// first moved to their neighbours ([`Mesh::without_strays`]), with a note.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
@@ -220,17 +220,17 @@ impl Ordered {
         })
     }
 
-    /// The face of the file that `node` is.
+    /// The face of the file for `node`.
     pub fn face(&self, node: u32) -> u32 {
         self.order.as_ref().map_or(node, |order| order[node as usize])
     }
 
-    /// The way back to the file's order.
+    /// The mapping back to the file's order.
     pub fn nodes(&self) -> NodeOrder {
         NodeOrder { order: self.order.clone(), facts: self.facts }
     }
 
-    /// The same where the mesh itself is not needed any more: a temporary `work` gives up what was sorted, 18 B a face.
+    /// The same if the mesh itself is no longer needed: a temporary `work` deletes the sorted mesh, 18 B per face.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -245,7 +245,7 @@ impl Ordered {
     }
 }
 
-/// The stage of faces and vertices along the curve.
+/// The stage that sorts faces and vertices along the curve.
 pub(crate) struct OrderStage<'a> {
     mesh: &'a Mesh,
     input: &'a Value,
@@ -279,7 +279,7 @@ impl Stage for OrderStage<'_> {
         Some(("faces", self.mesh.faces.len() as u64))
     }
 
-    /// Ranks of the vertices, and the greater of two sorts.
+    /// Ranks of the vertices, plus the larger of the two sorts.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let Extent { faces: n, vertices, corners, threads: t, reordered, .. } = *extent;
         if !reordered {
@@ -306,7 +306,7 @@ impl Stage for OrderStage<'_> {
 /// Sorts vertices, then faces.
 fn sort(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<()> {
     let bytes = 4 * mesh.positions.len() as u64;
-    // The ranks stay mapped, but random access wants them resident: they count as if allocated.
+    // The ranks stay mapped, but random access needs them resident, so they count as allocated.
     let resident = context.run.budget.take("ranks of vertices", 0, bytes)?;
     let in_memory = resident.bytes() >= bytes && context.run.budget.left() >= context.run.budget.total() / 2;
     let resident = in_memory.then_some(resident);
@@ -319,22 +319,23 @@ fn sort(mesh: &Mesh, frame: &Frame, context: Context<'_>) -> Result<()> {
 
 const RUNS: usize = 256;
 const RUN: usize = 256;
-/// Vertices that a step may pass over at the least.
+/// Minimum number of vertices that a step may skip before it counts as far.
 const NEAR: u64 = 1 << 16;
 
 /// How well an order keeps neighbours together.
 ///
-/// Sampled: [`RUNS`] runs of [`RUN`] consecutive faces, evenly spread. A step to the next face is *far* when one of
-/// its corners lies far from the one before in vertex numbers (a file whose vertices are scattered) or in space (a
-/// soup in random order, whose numbers always ascend). The *stretch* of a run is its extent over the width of a
-/// round patch of as many faces: 1–2 along Hilbert's curve, √([`RUN`]) and more in rows of a grid. A front that
-/// crosses such rows touches one page per face too, however near its neighbours are. A pure function of the mesh,
+/// Sampled: [`RUNS`] runs of [`RUN`] consecutive faces, evenly spread. A step to the next face is *far* if one of its
+/// corners is far from the previous one in vertex numbers (a file whose vertices are scattered) or in space (a soup in
+/// random order, whose numbers always ascend). The *stretch* of a run is its extent divided by the width of a round
+/// patch of as many faces: 1–2 along Hilbert's curve, √([`RUN`]) and more in rows of a grid. A front that crosses such
+/// rows also touches one page per face, however close its neighbours are. A pure function of the mesh, never of budget
+/// or threads.
 /// never of budget or threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Locality {
-    /// Share of far steps, 0 to 1: near 0 in scan order, near 1 at random.
+    /// Share of far steps, 0 to 1: near 0 in scan order, near 1 in random order.
     far_steps: f64,
-    /// Mean extent of a run over that of a round patch of as many faces.
+    /// Mean extent of a run, relative to a round patch of as many faces.
     stretch: f64,
 }
 
@@ -366,7 +367,7 @@ impl Locality {
                 last = Some((first, at));
             });
             let extent = (0..3).map(|axis| (high[axis] - low[axis]).powi(2)).sum::<f64>().sqrt();
-            // A triangle of edge e has area .43 e²; a disc of as much area as the run is this wide.
+            // A triangle of edge e has area .43 e²; this is the diameter of a disc with the run's area.
             let round = (edges.0 / edges.1.max(1) as f64) * (0.55 * edges.1 as f64).sqrt();
             if extent.is_finite() && round > 0. {
                 stretch += extent / round;

@@ -1,9 +1,9 @@
-//! Vertices along the curve: an external sort that carries the positions with it.
+//! Sorts vertices along the curve: an external sort that carries the positions with it.
 //!
-//! A record is an array of 32-bit words (place on the curve, old number, coordinates' bits), so its own
-//! order is the order wanted, total even where vertices coincide. Leaves the positions in curve order
-//! (`curve_vertices.npy`) and each old vertex's new number (`vertex_rank.tmp`). Disk: 24 B a vertex of
-//! 32-bit coordinates (36 B of 64-bit ones), written and read once where memory does not hold them.
+//! A record is an array of 32-bit words (position on the curve, old number, bits of the coordinates), so its
+//! lexicographic order is the order wanted, total even if vertices coincide. Writes the positions in curve order
+//! (`curve_vertices.npy`) and each old vertex's new number (`vertex_rank.tmp`). Disk: 24 B per vertex of 32-bit
+//! coordinates (36 B of 64-bit ones), written and read once where memory does not hold them.
 
 use super::hilbert::place_of;
 use crate::base::Result;
@@ -18,14 +18,14 @@ use crate::store::{Context, MappedSlice, WorkDir};
 pub(super) const VERTICES: &str = "curve_vertices.npy";
 const CHUNK: usize = 1 << 14;
 
-/// Opens the sorted positions of an earlier run, `double` as the input's were.
+/// Opens the sorted positions of an earlier run; `double` as in the input.
 pub(super) fn open(work: &WorkDir, double: bool, len: usize) -> Result<Positions> {
     let (bytes, start) = work.array_bytes(VERTICES)?;
     Positions::strided(&work.place(VERTICES), bytes, StridedLayout::packed(start, double, len))
 }
 
-/// Sorts the vertices along the curve; returns the new number of each old one. Where these fit memory (`in_memory`)
-/// they are scattered, else shuffled.
+/// Sorts the vertices along the curve; returns the new number of each old one. If these fit memory (`in_memory`) they
+/// are scattered, else shuffled.
 pub(super) fn sort(
     positions: &Positions,
     frame: &Frame,
@@ -56,10 +56,10 @@ impl VertexSort<'_> {
         ([(place >> 32) as u32, place as u32, vertex as u32], position)
     }
 
-    /// Sorts records of W words, coordinates of type `T` among them as `words` puts them; returns the ranks.
+    /// Sorts records of W words, which include coordinates of type `T` as `words` encodes them; returns the ranks.
     fn sort<T: Item, const W: usize>(&self, words: impl Fn(f64, &mut [u32]) + Sync) -> Result<MappedSlice<u32>> {
         let (n, Context { work, run }) = (self.positions.len(), self.context);
-        // Sorted buckets wait their turn for the writer: `in_order` holds four a thread, and one is being sorted.
+        // Sorted buckets wait for the writer: `in_order` holds four per thread, and one is being sorted.
         let copies = 6 * run.threads as u64;
         let sorting =
             BudgetedShuffle::<[u32; W]>::new(&work.file("vertices.tmp"), "sorting vertices", n as u64, copies, 2, run)?;

@@ -1,13 +1,13 @@
-//! Where the rows of a graph begin, in half a byte per node instead of eight.
+//! Where the rows of a graph start, in half a byte per node instead of eight.
 //!
-//! Nearly every face has three neighbours, so the start of a row follows from its number, corrected for the rows before
-//! it that have fewer. Rows are therefore counted in blocks of 64 ([`RowBlock`], 32 bytes): the start of the first one,
-//! and the degrees of all in three bits each, one word per bit. In a block whose degrees are all three, as in nearly
-//! all, a start is the start of the block plus a product: as quick as a plain array. In the others bits are counted. A
-//! block with a row of more than seven steps has its starts in a table (8 bytes per row).
+//! Nearly every face has three neighbours, so the start of a row follows from its number, corrected for earlier rows
+//! with fewer. Rows are therefore grouped in blocks of 64 ([`RowBlock`], 32 bytes): the start of the first one, and the
+//! degrees of all in three bits each, one word per bit. If all degrees of a block are three, as in nearly all blocks, a
+//! start is the start of the block plus a product: as fast as a plain array. In other blocks bits are counted. A block
+//! with a row of more than seven edges has its starts in a table (8 bytes per row).
 //!
-//! Beside the plain array this saves 7.5 bytes per face of disk, and fronts touch as many fewer. Small graphs of many
-//! degrees (contractions, vertices) stay with plain starts: counting bits for each node would slow their fronts down.
+//! Compared with the plain array this saves 7.5 bytes per face of disk and of memory traffic. Small graphs with varying
+//! degrees (contractions, vertices) keep plain starts: counting bits for each node would slow their fronts down.
 
 pub(super) mod writer;
 
@@ -17,26 +17,26 @@ use crate::store::{MappedSlice, WorkDir};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 
-/// Rows a block.
+/// Rows per block.
 pub const ROWS: usize = 64;
-/// Words a block.
+/// Words per block.
 const WORDS: usize = size_of::<RowBlock>() / 8;
-/// Degrees of three alone.
+/// The bits of 64 degrees of three.
 const THREES: [u64; 3] = [u64::MAX, u64::MAX, 0];
 /// Greatest degree that three bits hold.
 const MOST: u32 = 7;
-/// In [`RowBlock::start`]: the starts are in the table, from the place in `degrees[0]` on.
+/// Flag in [`RowBlock::start`]: the starts are in the table, at the position in `degrees[0]`.
 const TABLE: u64 = 1 << 63;
-/// In [`RowBlock::start`]: the degrees are not all three.
+/// Flag in [`RowBlock::start`]: not all degrees are three.
 const COUNTED: u64 = 1 << 62;
 
-/// Where 64 rows begin.
+/// Where 64 rows start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RowBlock {
-    /// First entry of the first row, with [`COUNTED`] or [`TABLE`] where not all 64 degrees are three.
+    /// First entry of the first row, with [`COUNTED`] or [`TABLE`] if not all 64 degrees are three.
     start: u64,
-    /// The degrees, least bits first; bit k is of row k.
+    /// The degrees, least bits first; bit k of each word belongs to row k.
     degrees: [u64; 3],
 }
 
@@ -47,12 +47,12 @@ impl RowBlock {
         (self.start & !(TABLE | COUNTED)) as usize
     }
 
-    /// Where the starts of the rows lie in the table, if they are there.
+    /// The position of the rows' starts in the table, if they are there.
     fn place(&self) -> Option<usize> {
         (self.start & TABLE != 0).then_some(self.degrees[0] as usize)
     }
 
-    /// The entries of row `k`, counted from the first of the block; where degrees are in bits.
+    /// The entries of row `k`, relative to the first of the block; only if degrees are stored as bits.
     #[inline(always)]
     fn counted(&self, k: u32) -> (usize, usize) {
         let before = (1u64 << k) - 1;
@@ -65,7 +65,7 @@ impl RowBlock {
     }
 }
 
-/// Where the rows of a graph begin and end.
+/// Where the rows of a graph start and end.
 #[derive(Clone, Copy, Debug)]
 pub enum RowStarts<'a> {
     /// The starts, and the end (n + 1).
@@ -74,7 +74,7 @@ pub enum RowStarts<'a> {
     Packed(PackedStarts<'a>),
 }
 
-/// Where rows begin, in blocks.
+/// Where rows start, in blocks.
 #[derive(Clone, Copy, Debug)]
 pub struct PackedStarts<'a> {
     rows: usize,
@@ -94,7 +94,7 @@ impl PackedStarts<'_> {
         self.uneven(block, k)
     }
 
-    /// [`PackedStarts::span`] of row `k` of a block whose rows differ.
+    /// [`PackedStarts::span`] of row `k` of a block with varying degrees.
     #[inline(never)]
     fn uneven(self, block: &RowBlock, k: u32) -> Range<usize> {
         if let Some(place) = block.place() {
@@ -107,7 +107,8 @@ impl PackedStarts<'_> {
 
     /// The row of `entry`.
     fn row_of(self, entry: usize) -> usize {
-        // Blocks without entries start where the next one does, so the last that starts here or before has it.
+        // A block without entries starts where the next one does, so the last block that starts at or before `entry`
+        // contains it.
         let block = self.blocks.partition_point(|block| block.start() <= entry) - 1;
         let (mut row, mut after) = (block * ROWS, self.rows.min((block + 1) * ROWS));
         while after - row > 1 {
@@ -146,12 +147,12 @@ impl RowStarts<'_> {
         }
     }
 
-    /// Shows consecutive `rows` and their entries to `see`: what [`RowStarts::span`] gives, for less.
+    /// Calls `see` with consecutive `rows` and their entries: cheaper than [`RowStarts::span`].
     #[inline(always)]
     pub fn each(self, rows: Range<usize>, mut see: impl FnMut(usize, Range<usize>)) {
         let mut start = self.entries_of(rows.clone()).start;
         for row in rows {
-            // One place where `see` is called, so that it is inlined.
+            // `see` is called in only one place, so that it is inlined.
             let end = match self {
                 Self::Packed(packed) if packed.blocks[row / ROWS].start < COUNTED => start + 3,
                 _ => self.span(row as u32).end,
@@ -161,7 +162,7 @@ impl RowStarts<'_> {
         }
     }
 
-    /// Asks the processor to fetch what [`RowStarts::span`] of `row` reads.
+    /// Prefetches what [`RowStarts::span`] of `row` reads.
     #[inline(always)]
     pub fn prefetch(self, row: u32) {
         match self {
@@ -170,7 +171,7 @@ impl RowStarts<'_> {
         }
     }
 
-    /// Entries in all.
+    /// Total number of entries.
     pub fn entries(self) -> usize {
         self.len().checked_sub(1).map_or(0, |last| self.span(last as u32).end)
     }
@@ -186,7 +187,7 @@ impl RowStarts<'_> {
     /// The row of `entry`, and its entries.
     ///
     /// # Panics
-    /// Where there is no such entry.
+    /// If there is no such entry.
     pub fn row_of(self, entry: usize) -> (usize, Range<usize>) {
         let row = match self {
             Self::Plain(starts) => starts.partition_point(|&start| start as usize <= entry) - 1,
@@ -195,7 +196,7 @@ impl RowStarts<'_> {
         (row, self.span(row as u32))
     }
 
-    /// Tells the kernel that the starts of consecutive `rows` are read next.
+    /// Advises the kernel that the starts of consecutive `rows` are read next.
     pub fn will_need(self, rows: Range<usize>) {
         match self {
             Self::Plain(starts) => will_need(&starts[rows.start..=rows.end]),
@@ -203,7 +204,7 @@ impl RowStarts<'_> {
         }
     }
 
-    /// Tells the kernel how starts are read from now on.
+    /// Advises the kernel how starts are read from now on.
     pub fn advise(self, access: Access) {
         match self {
             Self::Plain(starts) => advise(starts, access),
@@ -214,7 +215,7 @@ impl RowStarts<'_> {
         }
     }
 
-    /// The starts as plain numbers (n + 1), as other programs know them.
+    /// The starts as plain numbers (n + 1), as other programs use them.
     pub fn plain(self) -> Vec<u64> {
         let starts = (0..self.len() as u32).map(|row| self.span(row).start as u64);
         starts.chain([self.entries() as u64]).collect()
@@ -229,20 +230,20 @@ impl RowStarts<'_> {
     }
 }
 
-/// The two forms of row starts in files.
+/// The two file formats of row starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StartsForm {
-    /// [`PLAIN`]: for small graphs of many degrees.
+    /// [`PLAIN`]: for small graphs with varying degrees.
     Plain,
     /// [`BLOCKS`] and [`LONG_ROWS`]: for the graph of a mesh's faces.
     Packed,
 }
 
 impl StartsForm {
-    /// Opens the starts of `rows` rows that an earlier run left in `work`.
+    /// Opens the starts of `rows` rows of an earlier run in `work`.
     ///
     /// # Errors
-    /// [`crate::base::Error::WorkDir`] where they do not ascend from 0 to `entries`; [`crate::base::Error::Io`].
+    /// [`crate::base::Error::WorkDir`] if they do not ascend from 0 to `entries`; [`crate::base::Error::Io`].
     pub fn open(self, work: &WorkDir, rows: usize, entries: usize) -> Result<OwnedRowStarts> {
         if self == Self::Plain {
             return Ok(OwnedRowStarts::Plain(work.starts(PLAIN, rows, entries)?));
@@ -265,7 +266,7 @@ pub enum OwnedRowStarts {
     Packed {
         /// Number of rows n.
         rows: usize,
-        /// Four words for each 64 rows.
+        /// Four words per 64 rows.
         blocks: MappedSlice<u64>,
         /// Starts of blocks with long rows, 65 each.
         table: MappedSlice<u64>,
@@ -280,7 +281,7 @@ pub const BLOCKS: &str = "graph_row_blocks.npy";
 pub const LONG_ROWS: &str = "graph_long_rows.npy";
 
 impl OwnedRowStarts {
-    /// Their form.
+    /// Their format.
     pub fn form(&self) -> StartsForm {
         match self {
             Self::Plain(_) => StartsForm::Plain,
@@ -301,7 +302,7 @@ impl OwnedRowStarts {
 }
 
 impl PackedStarts<'_> {
-    /// Whether the rows ascend from 0 to `entries`, one behind another.
+    /// Whether the rows ascend from 0 to `entries`, without gaps.
     fn ascend(self, entries: usize) -> bool {
         let (mut end, mut tables) = (0, 0);
         for (k, block) in self.blocks.iter().enumerate() {

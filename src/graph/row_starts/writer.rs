@@ -1,6 +1,6 @@
 //! Packs the degrees of rows into blocks, in memory or into files, from front to back.
 //!
-//! A pass over the degrees; what of the table is not yet written is held.
+//! One pass over the degrees; buffers the part of the table that is not yet written.
 
 use super::{
     BLOCKS, COUNTED, LONG_ROWS, MOST, OwnedRowStarts, PLAIN, ROWS, RowBlock, StartsForm, TABLE, THREES, WORDS,
@@ -14,13 +14,13 @@ use crate::store::npy::ArrayWriter;
 pub(in crate::graph) struct Packer {
     degrees: Vec<u32>,
     end: u64,
-    /// Starts of the blocks with long rows, and how many there were before.
+    /// Starts of the blocks with long rows, and how many were written before.
     table: Vec<u64>,
     before: usize,
 }
 
 impl Packer {
-    /// Adds a row; gives a block that is full.
+    /// Adds a row; returns a block when it is full.
     #[inline]
     fn push(&mut self, degree: u32) -> Option<RowBlock> {
         self.degrees.push(degree);
@@ -55,7 +55,7 @@ impl Packer {
         Some(block)
     }
 
-    /// Adds what was packed elsewhere behind whole blocks.
+    /// Appends rows packed elsewhere; only whole blocks may precede them.
     fn append(&mut self, part: &mut PackedPart) {
         for block in &mut part.blocks {
             block.start += self.end;
@@ -67,7 +67,7 @@ impl Packer {
         self.end += part.entries;
     }
 
-    /// Writes what of the table is there.
+    /// Writes the buffered part of the table.
     fn hand_over(&mut self, out: &mut ArrayWriter<u64>) -> Result<()> {
         self.before += self.table.len();
         let result = out.push(&self.table);
@@ -77,7 +77,7 @@ impl Packer {
 }
 
 impl OwnedRowStarts {
-    /// Packed, in memory, from the degrees of all rows.
+    /// Packs the degrees of all rows in memory.
     pub fn of(degrees: impl IntoIterator<Item = usize>) -> Self {
         let (mut packer, mut blocks, mut rows) = (Packer::default(), Vec::new(), 0);
         for degree in degrees {
@@ -89,7 +89,7 @@ impl OwnedRowStarts {
     }
 }
 
-/// Row starts of consecutive rows, whole blocks of them but at the end of all, counted from the first.
+/// Row starts of consecutive rows, counted from the first; whole blocks, except at the end of all rows.
 #[derive(Debug)]
 pub(in crate::graph) struct PackedPart {
     blocks: Vec<RowBlock>,
@@ -99,7 +99,7 @@ pub(in crate::graph) struct PackedPart {
 }
 
 impl PackedPart {
-    /// Those of rows of the given degrees.
+    /// Packs rows of the given degrees.
     pub fn of(degrees: impl ExactSizeIterator<Item = u32>) -> Self {
         let (mut packer, rows) = (Packer::default(), degrees.len());
         let mut blocks = Vec::with_capacity(rows.div_ceil(ROWS));
@@ -151,7 +151,7 @@ impl RowStartsWriter {
         }
     }
 
-    /// Appends packed rows behind whole blocks; returns where they end.
+    /// Appends packed rows after whole blocks; returns where they end.
     pub fn push_part(&mut self, mut part: PackedPart) -> Result<u64> {
         let Self::Packed { packer, rows, blocks, table } = self else {
             return Err(Error::internal("packed rows among plain ones"));
