@@ -1,14 +1,14 @@
-//! The blocks of a graph that a front is in, held in its own memory: for graphs larger than memory.
+//! The blocks of a graph that a front is currently in, cached in the program's own memory: for graphs larger than
+//! memory.
 //!
 //! A front is a narrow band, so few blocks of consecutive nodes are in use at a time: some 4 √(blocks) of them in a
-//! good order. Each has a slot here with the steps from its nodes, read past the page cache ([`DirectArray`]), and
-//! its part of the row, which starts at infinity and is written to the row's file when the slot is needed for
-//! another block. Other threads read the blocks that the front meets, and those that its steps lead to before the
-//! front meets them. A clock decides which block leaves: the first that was not used since the hand passed. Values
-//! do not depend on any of that.
+//! good order. Each has a slot here with the edges of its nodes, read past the page cache ([`DirectArray`]), and its
+//! part of the row, which starts at infinity and is written to the row's file when the slot is needed for another
+//! block. Reader threads load the blocks that the front enters, and prefetch those that its edges lead to. A clock
+//! algorithm evicts the first block that was not used since the hand last passed. None of this affects the values.
 //!
-//! Compared with the mapping ([`super::paging`]) that saves the kernel's part, which is half of the processor time, and
-//! the waits for blocks that are requested only when they are met. Memory: 28 bytes per node of a slot, 6 per block.
+//! Compared with the mapping ([`super::paging`]) this saves the kernel's share, half of the processor time, and the
+//! waits for blocks that are requested only when they are entered. Memory: 28 bytes per node of a slot, 6 per block.
 
 use super::queue::Entry;
 use crate::base::{Error, Result};
@@ -22,9 +22,9 @@ use std::path::Path;
 
 /// No slot.
 const NONE: u32 = u32::MAX;
-/// In the table: the block was asked for, and the front did not meet it yet.
+/// Flag in the table: the block was prefetched, but the front has not entered it yet.
 const AHEAD: u32 = 1 << 31;
-/// Share of the slots that may wait for blocks that the front did not meet: one in so many.
+/// At most one in this many slots may hold prefetched blocks that the front has not entered.
 const WAITING: usize = 3;
 
 /// A graph in blocks of `1 << shift` nodes.
@@ -32,9 +32,9 @@ const WAITING: usize = 3;
 pub(super) struct Blocks<'a> {
     pub graph: Csr<'a>,
     pub shift: u32,
-    /// First entry of each block's rows, and the number of entries (blocks + 1).
+    /// First entry of each block's rows, followed by the number of entries (blocks + 1).
     pub starts: &'a [u64],
-    /// Words of a slot that neighbours take, and weights.
+    /// Words in a slot for the neighbours of a block, and as many for the weights.
     pub words: usize,
 }
 
@@ -48,7 +48,7 @@ impl Blocks<'_> {
         first..(first + (1 << self.shift)).min(self.graph.len())
     }
 
-    /// Reads the rows of a block into the memory of `job`.
+    /// Reads the rows of a block into the buffer of `job`.
     pub fn read(&self, job: &mut Job<'_>, files: &DirectGraph) -> Result<()> {
         let entries = self.starts[job.block as usize] as usize..self.starts[job.block as usize + 1] as usize;
         let (neighbours, weights) = job.memory.split_at_mut(self.words);
@@ -71,9 +71,9 @@ pub(super) struct Job<'m> {
     slot: u32,
     block: u32,
     memory: &'m mut [u32],
-    /// Words at which neighbours and weights begin, once they are there.
+    /// Words at which neighbours and weights start, once they are read.
     first: [usize; 2],
-    /// Blocks that steps lead to.
+    /// Blocks that its edges lead to.
     beside: Vec<u32>,
 }
 
@@ -93,20 +93,20 @@ impl Slot<'_> {
         self.memory.is_empty()
     }
 
-    /// Whether the block is there and those beside it were asked for.
+    /// Whether the block is loaded and its neighbours were requested.
     #[inline(always)]
     fn is_quiet(&self) -> bool {
         !self.is_waiting() & self.beside.is_empty()
     }
 }
 
-/// Threads that read blocks: where jobs go, and where they come back.
+/// Threads that read blocks: the channels for jobs and for results.
 pub(super) struct Readers<'m> {
     pub jobs: Sender<Job<'m>>,
     pub done: Receiver<Result<Job<'m>>>,
 }
 
-/// Where a row goes.
+/// The file of a row.
 #[derive(Clone, Copy)]
 pub(super) struct RowFile<'a> {
     pub values: &'a Writeback,
@@ -118,23 +118,23 @@ pub(super) struct RowFile<'a> {
 pub(super) struct BlockCache<'m, 'a> {
     blocks: Blocks<'a>,
     mask: u32,
-    /// Slot of each block, with [`AHEAD`] or [`NONE`].
+    /// Slot of each block, possibly with [`AHEAD`], or [`NONE`].
     table: Vec<u32>,
-    /// Whether a block's values were written.
+    /// Whether a block's values have been written to the file.
     written: Vec<bool>,
     slots: Vec<Slot<'m>>,
     /// Values, slot by slot.
     field: &'m mut [f32],
     hand: usize,
     waiting: usize,
-    /// Blocks read once more because they had to leave.
+    /// Number of blocks read again after eviction.
     again: usize,
     readers: Readers<'m>,
     row: RowFile<'a>,
 }
 
 impl<'m, 'a> BlockCache<'m, 'a> {
-    /// A cache of as many blocks as `memory` holds; `field` has room for their values, which go to `row`.
+    /// A cache of as many blocks as `memory` holds; `field` has room for their values, which are written to `row`.
     pub fn new(
         blocks: Blocks<'a>,
         memory: &'m mut [u32],
@@ -163,14 +163,14 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         self.again > self.blocks.len() + self.slots.len()
     }
 
-    /// The slot of the block of `node`, which the front meets if it did not.
+    /// The slot of the block of `node`; the front enters the block if it has not yet.
     #[inline(always)]
     fn slot(&mut self, node: u32) -> Result<usize> {
         let slot = self.table[(node >> self.blocks.shift) as usize];
         if slot < AHEAD { Ok(slot as usize) } else { self.meet(node >> self.blocks.shift) }
     }
 
-    /// The place of the value of `node` in the slot `slot`.
+    /// The index of the value of `node` in the slot `slot`.
     #[inline(always)]
     fn place(&self, slot: usize, node: u32) -> usize {
         slot << self.blocks.shift | (node & self.mask) as usize
@@ -184,7 +184,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         Ok(&mut self.field[place])
     }
 
-    /// Fetches the row start of `node`, and its value where that is here.
+    /// Prefetches the row start of `node`, and its value if its block is loaded.
     #[inline(always)]
     pub fn prefetch(&self, node: u32) {
         self.blocks.graph.starts.prefetch(node);
@@ -194,7 +194,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         }
     }
 
-    /// Fetches the steps from `node` where they are here.
+    /// Prefetches the edges of `node` if its block is loaded.
     #[inline(always)]
     pub fn prefetch_steps(&self, node: u32) {
         if let Some(slot) = self.slots.get(self.table[(node >> self.blocks.shift) as usize] as usize) {
@@ -205,12 +205,12 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         }
     }
 
-    /// Appends the neighbours of `node` that this entry can still improve. Appends nothing if the entry is
-    /// stale. Waits for the block.
+    /// Appends the neighbours of `node` that this entry can still improve, or nothing if the entry is stale. Waits for
+    /// the block.
     #[inline(always)]
     pub fn steps(&mut self, Entry { node, distance }: Entry, out: &mut Vec<Entry>) -> Result<()> {
         let slot = self.slot(node)?;
-        // Lowered since it was pushed, it is of no use: a later entry does the work.
+        // Stale: the value was lowered since this entry was pushed, and a later entry does the work.
         if self.field[self.place(slot, node)] < distance {
             return Ok(());
         }
@@ -233,8 +233,8 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         Ok(())
     }
 
-    /// Waits for the block of `node`, and asks for those beside it: once, since where few slots are left the block
-    /// itself may have to leave for them.
+    /// Waits for the block of `node`, and requests its neighbouring blocks, but only once: if slots are scarce, loading
+    /// those may evict the block itself.
     #[cold]
     #[inline(never)]
     fn wait(&mut self, node: u32) -> Result<usize> {
@@ -253,7 +253,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         }
     }
 
-    /// The front comes to a block.
+    /// The front enters a block.
     #[cold]
     #[inline(never)]
     fn meet(&mut self, block: u32) -> Result<usize> {
@@ -264,7 +264,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         Ok(slot)
     }
 
-    /// Asks for the blocks beside that of `slot` that the front did not meet.
+    /// Prefetches the blocks next to that of `slot` that the front has not entered.
     #[cold]
     #[inline(never)]
     fn look_ahead(&mut self, slot: usize) -> Result<()> {
@@ -281,7 +281,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         Ok(())
     }
 
-    /// Asks for a block, in a slot that another one leaves.
+    /// Requests a block, after evicting another one.
     fn load(&mut self, block: u32) -> Result<usize> {
         while let Ok(job) = self.readers.done.try_recv() {
             self.arrived(job?);
@@ -306,11 +306,11 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         Ok(slot)
     }
 
-    /// A slot without a block.
+    /// A free slot, evicting its block if necessary.
     fn free(&mut self) -> Result<usize> {
         let mut moves = 0;
         loop {
-            // Twice around without finding one that was not used: all are being read.
+            // Two full turns without an unused block: all are being read.
             if moves == 2 * self.slots.len() {
                 self.receive()?;
                 moves = 0;
@@ -326,13 +326,13 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         }
     }
 
-    /// Takes the block out of `slot`; its values go to the file.
+    /// Evicts the block in `slot`; its values are written to the file.
     fn leave(&mut self, slot: usize) -> Result<()> {
         let block = std::mem::replace(&mut self.slots[slot].block, NONE);
         if block == NONE {
             return Ok(());
         }
-        // A block that the front never came to has no values.
+        // A block that the front never entered has no values.
         if std::mem::replace(&mut self.table[block as usize], NONE) < AHEAD {
             let nodes = self.blocks.nodes(block);
             let field = &self.field[slot << self.blocks.shift..][..nodes.len()];
@@ -343,7 +343,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         Ok(())
     }
 
-    /// Waits for a block.
+    /// Waits for one block.
     #[cold]
     #[inline(never)]
     fn receive(&mut self) -> Result<()> {
@@ -352,14 +352,14 @@ impl<'m, 'a> BlockCache<'m, 'a> {
         Ok(())
     }
 
-    /// Takes in a block that was read.
+    /// Installs a block that was read.
     fn arrived(&mut self, job: Job<'m>) {
         self.waiting -= 1;
         let slot = &mut self.slots[job.slot as usize];
         (slot.memory, slot.first, slot.beside) = (job.memory, job.first, job.beside);
     }
 
-    /// Writes what is left; nodes of blocks that the front never came to are infinitely far.
+    /// Writes the remaining values; nodes of blocks that the front never entered are infinitely far.
     pub fn finish(mut self) -> Result<()> {
         for slot in 0..self.slots.len() {
             self.leave(slot)?;
@@ -374,13 +374,13 @@ impl<'m, 'a> BlockCache<'m, 'a> {
     }
 }
 
-/// Words of a slot that the neighbours of the nodes of one block take at the most.
+/// The maximum number of words for the neighbours of the nodes of one block.
 pub(super) fn words_of(starts: &[u64]) -> usize {
     let most = starts.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0);
     DirectArray::words(most as usize)
 }
 
-/// `memory` from a multiple of [`PAGE`] on.
+/// The part of `memory` that starts at a multiple of [`PAGE`].
 pub(super) fn aligned(memory: &mut [u32]) -> &mut [u32] {
     let skip = memory.as_ptr().align_offset(PAGE).min(memory.len());
     &mut memory[skip..]

@@ -1,11 +1,12 @@
-//! The front within one block of nodes: what [`super::voronoi`] runs side by side, and what it leaves for other blocks.
+//! The front within one block of nodes: [`super::voronoi`] runs one per block, and collects its messages to other
+//! blocks.
 //!
-//! A front over at most [`PIECE_NODES`] nodes, whose rows and values stay near the processor. A step that leaves them
-//! becomes a [`Message`]. As in [`super::front`], steps that shorten a path are gathered without a branch before any is
-//! taken: 6 % less time. Where the graph is larger than memory, rows and values are asked for as the front comes to
-//! them.
+//! A front over at most [`PIECE_NODES`] nodes, whose rows and values stay close to the processor. An edge that leaves
+//! them becomes a [`Message`]. As in [`super::front`], edges that shorten a path are gathered without branching before
+//! any is followed: 6 % less time. If the graph is larger than memory, rows and values are requested as the front
+//! reaches them.
 //!
-//! Memory: the queue, and 12 bytes for each step that is gathered or leaves.
+//! Memory: the queue, and 12 bytes for each gathered edge and each message.
 
 use super::front::GATHER;
 use super::paging::{SHIFT, rows_needed};
@@ -15,11 +16,10 @@ use crate::graph::Csr;
 use crate::store::mapped::will_need;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Nodes that one front goes over at the most, and nodes of a block at the least: with rows and
-/// values 2.5 MB, a good read.
+/// Maximum number of nodes of one front, and minimum of a block: with rows and values 2.5 MB, an efficient read.
 pub const PIECE_NODES: usize = 1 << 16;
 
-/// A label that travels with distances: a number, or nothing at all.
+/// A label that travels with distances: a number, or `()` for none.
 pub trait Label: Copy + Ord + Send + Sync {}
 impl Label for u32 {}
 impl Label for () {}
@@ -32,13 +32,13 @@ pub(super) struct Message<O> {
     pub label: O,
 }
 
-/// What a block's front left.
+/// The result of a block's front.
 pub(super) struct Outcome<O> {
     pub messages: Vec<Message<O>>,
     pub ties: Ties,
 }
 
-/// Which pieces of a graph, runs of some 2¹⁶ nodes, a front has visited: only there its field has been filled.
+/// Which pieces of a graph, runs of some 2¹⁶ nodes, a front has visited. Its field is initialised only there.
 #[derive(Debug)]
 pub struct VisitedPieces {
     piece: usize,
@@ -50,35 +50,35 @@ impl VisitedPieces {
         Self { piece, pieces: (0..n.div_ceil(piece)).map(|_| AtomicBool::new(visited)).collect() }
     }
 
-    /// All of `n` nodes.
+    /// All pieces of `n` nodes.
     pub fn everything(n: usize) -> Self {
         Self::new(n, PIECE_NODES, true)
     }
 
-    /// Whether the piece with `node` was visited.
+    /// Whether the piece of `node` was visited.
     #[inline]
     pub fn has(&self, node: usize) -> bool {
         self.pieces[node / self.piece].load(Ordering::Relaxed)
     }
 
-    /// Marks the piece with `node` as visited. Returns whether it was not before.
+    /// Marks the piece of `node` as visited. Returns whether it was not before.
     fn enter(&self, node: usize) -> bool {
         !self.pieces[node / self.piece].swap(true, Ordering::Relaxed)
     }
 }
 
-/// What field and labels hold where a front begins.
+/// The initial content of field and labels.
 #[derive(Clone, Copy)]
 pub(super) enum Initial<'v, O> {
-    /// What they are given with.
+    /// As passed in.
     Given,
     /// Infinity and this label, filled in block by block, so that nothing is written twice.
     Fresh(O),
-    /// Infinity, filled in where the front comes to. Labels are as given.
+    /// Infinity, filled in only where the front goes. Labels as passed in.
     FreshWhere(&'v VisitedPieces),
 }
 
-/// How far fronts go, and what they find there.
+/// The limit and the initial content of a front.
 #[derive(Clone, Copy)]
 pub(super) struct Reach<'v, O> {
     /// Nodes at this distance or beyond are not visited.
@@ -94,14 +94,13 @@ pub(super) struct Values<'a, O> {
     pub label: &'a mut [O],
 }
 
-/// Memory for fronts, one after another.
+/// Buffers for fronts, one after another.
 pub(super) struct Scratch {
     pub queue: Queue,
     pub batch: Vec<Entry>,
 }
 
-/// The front inside the nodes whose values are given, from the messages of `inbox`, the
-/// nearest of which is the first.
+/// Runs the front inside the nodes whose values are passed, starting from the messages of `inbox`, nearest first.
 pub(super) fn front<O: Label>(
     graph: Csr<'_>,
     paged: bool,
@@ -125,7 +124,7 @@ pub(super) fn front<O: Label>(
             block.values_needed(to >> SHIFT << SHIFT);
         }
     };
-    // Most steps from one block to another reach nothing, and need no rows.
+    // Most edges between blocks improve nothing, and then the rows are not needed.
     let mut enter = |to: usize| {
         if let Some(entered @ false) = entered.get_mut(to >> SHIFT) {
             *entered = true;
@@ -148,7 +147,7 @@ pub(super) fn front<O: Label>(
         for entries in batch.chunks(GATHER) {
             let mut count = 0;
             for &Entry { node, distance } in entries {
-                // Lowered since it was pushed, it is of no use: a later entry does the work.
+                // A stale entry, lowered since it was pushed, is useless: a later entry does the work.
                 let useful = block.field[node as usize] >= distance;
                 let (row, own) = (first as u32 + node, block.label[node as usize]);
                 let most = count + graph.span(row).len();
@@ -188,12 +187,12 @@ pub(super) fn front<O: Label>(
 struct Block<'a, O> {
     field: &'a mut [f32],
     label: &'a mut [O],
-    /// Nodes that met a tie which they had won.
+    /// Nodes that met a tie which they had already won.
     ties: Vec<u32>,
 }
 
 impl<O: Label> Block<'_, O> {
-    /// Asks the kernel to read the values of a front's next 2¹⁴ nodes, from `from` on, of this block.
+    /// Asks the kernel to read the values of this block's 2¹⁴ nodes from `from` on.
     #[cold]
     fn values_needed(&self, from: usize) {
         let end = (from + (1 << SHIFT)).min(self.field.len());
@@ -203,8 +202,8 @@ impl<O: Label> Block<'_, O> {
         }
     }
 
-    /// Whether the node `to` of the block is nearer on this path, or as near and won by a smaller label; if so, it is
-    /// entered.
+    /// Enters the node `to` of the block if it is nearer on this path, or equally near with a smaller label; returns
+    /// whether it did.
     #[inline(always)]
     fn reach(&mut self, to: usize, distance: f32, own: O) -> bool {
         let nearer = distance < self.field[to];

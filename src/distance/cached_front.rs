@@ -1,15 +1,15 @@
-//! Full fronts over graphs larger than memory, by blocks in a cache of their own.
+//! Full fronts over graphs larger than memory, with a block cache instead of mapped files.
 //!
-//! The same label-correcting search as [`super::front`], so the same values to the bit (tested). Rows and steps come
-//! from a [`BlockCache`] instead of mapped files; [`READERS`] threads read ahead of the front.
+//! The same label-correcting search as [`super::front`], with the same values to the bit (tested). Rows come from a
+//! [`BlockCache`] instead of mapped files; [`READERS`] threads read ahead of the front.
 //!
-//! Blocks are as large as memory allows with [`SLOTS`]: large ones are read faster, small ones follow the band more
-//! closely. Where there is no memory even for the smallest, there is no cache; and where the band turns out wider, as
-//! in an order that scatters neighbours, so that blocks have to be read again and again, the front gives up: the row is
-//! computed over the mapping then.
+//! Blocks are as large as memory allows for [`SLOTS`]: large ones are read faster, small ones follow the band more
+//! closely. If memory does not suffice even for the smallest, there is no cache. If the band turns out wider than the
+//! cache, as in an order that scatters neighbours, blocks have to be read again and again; then the front gives up, and
+//! the row is computed over the mapping.
 //!
-//! Cost at 100 million faces in 1 GiB: some 75 ns per face of the front's thread, since what was read lately is in no
-//! cache of the processor (50 ns where the graph is in memory); it waits for a tenth of that.
+//! Cost at 100 million faces in 1 GiB: some 75 ns per face on the front's thread, since recently read data are not in
+//! the processor's caches (50 ns if the graph is in memory); a tenth of that is waiting.
 
 use super::block_cache::{BlockCache, Blocks, Job, Readers, RowFile, aligned, words_of};
 use super::front::{FRONT_WIDTH, GATHER};
@@ -25,16 +25,17 @@ use crate::store::direct::PAGE;
 use crate::store::mapped::AlignedBuffer;
 use std::sync::Arc;
 
-/// Threads that read blocks for each front: disks are quicker with two reads at a time.
+/// Threads that read blocks for each front: disks are faster with two reads in flight.
 const READERS: usize = 2;
-/// Sizes of blocks, as powers of two.
+/// Block sizes, as powers of two.
 const SHIFTS: std::ops::RangeInclusive<u32> = 10..=14;
-/// Slots over the square root of the number of blocks: a band takes 4 in a good order, and blocks ahead of it the rest.
+/// Number of slots, relative to the square root of the number of blocks: a band takes 4 in a good order, and prefetched
+/// blocks the rest.
 const SLOTS: f64 = 5.;
-/// Visits between looks at the stop flag.
+/// Visits between checks of the stop flag.
 const PATIENCE: usize = 1 << 16;
 
-/// How a graph is divided into blocks, of which so many fit in memory.
+/// The division of a graph into blocks, and how many of them fit in memory.
 #[derive(Clone, Debug)]
 pub(super) struct Division {
     shift: u32,
@@ -44,8 +45,7 @@ pub(super) struct Division {
 }
 
 impl Division {
-    /// The best division of `graph` for `bytes` of memory; `None` where there is too little.
-    /// Reads one row start a block.
+    /// The best division of `graph` for `bytes` of memory; `None` if that is too little. Reads one row start per block.
     pub fn of(graph: Csr<'_>, bytes: u64) -> Option<Self> {
         let division = |shift: u32| {
             let starts = block_starts(graph.starts, shift);
@@ -60,7 +60,7 @@ impl Division {
         SHIFTS.rev().map(division).find(enough)
     }
 
-    /// Bytes of its slots.
+    /// Bytes of all its slots.
     fn bytes(&self) -> u64 {
         (self.slots * slot_bytes(self.words, self.shift) + PAGE) as u64
     }
@@ -71,7 +71,7 @@ fn slot_bytes(words: usize, shift: u32) -> usize {
     8 * words + (4 << shift)
 }
 
-/// A front with a cache, for one row after the other.
+/// A front with a cache, reused for one row after the other.
 pub(super) struct CachedFront<'a> {
     graph: Csr<'a>,
     files: &'a DirectGraph,
@@ -84,8 +84,8 @@ pub(super) struct CachedFront<'a> {
 }
 
 impl<'a> CachedFront<'a> {
-    /// A front over `graph`, whose weights have the mean `mean` and whose arrays lie in `files`; `None` where `budget`
-    /// has no memory for the slots of `division`.
+    /// A front over `graph`, whose weights have the mean `mean` and whose arrays lie in `files`; `None` if `budget` has
+    /// no memory for the slots of `division`.
     pub fn new(graph: Csr<'a>, files: &'a DirectGraph, mean: f32, division: Division, budget: &Budget) -> Option<Self> {
         let bytes = division.bytes().next_multiple_of(8);
         let memory = AlignedBuffer::of(budget.take("blocks of the graph", bytes, bytes).ok()?);
@@ -93,8 +93,8 @@ impl<'a> CachedFront<'a> {
         Some(Self { graph, files, division, memory, queue, batch: Vec::new(), relaxations: Vec::new(), gave_up: false })
     }
 
-    /// Distances from `source`, which go to `row`. False where the front gave up, now or before: what `row`
-    /// holds means nothing then.
+    /// Writes the distances from `source` to `row`. Returns false if the front gave up, now or earlier; the content of
+    /// `row` is then meaningless.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -122,7 +122,7 @@ impl<'a> CachedFront<'a> {
                         }
                     }
                 });
-                // One that the system refuses is one fewer.
+                // If the system refuses further threads, fewer readers do.
                 if started.is_err() && reader == 0 {
                     return Ok(false);
                 }
@@ -140,7 +140,7 @@ impl<'a> CachedFront<'a> {
     }
 }
 
-/// The loop of [`super::front`] over a cache; false where it is not worth going on.
+/// The loop of [`super::front`] over a cache; false if the cache is thrashing.
 fn walk(
     source: u32,
     cache: &mut BlockCache<'_, '_>,
@@ -200,7 +200,7 @@ mod tests {
 
     const SIDE: usize = 150;
 
-    /// A grid of two sheets that do not touch, some of whose nodes have steps to far away, in files.
+    /// A grid of two disconnected sheets, some of whose nodes have long-range edges, in files.
     fn grid(folder: &Path) -> WeightedGraph {
         let n = SIDE * SIDE;
         let mut steps = vec![Vec::new(); n];
@@ -215,7 +215,7 @@ mod tests {
             if node % SIDE + 1 < SIDE {
                 join(node, node + 1);
             }
-            // Between the rows 99 and 100 there is nothing.
+            // There are no edges between the rows 99 and 100.
             if node + SIDE < n && node / SIDE != 99 {
                 join(node, node + SIDE);
             }
@@ -232,7 +232,7 @@ mod tests {
         WeightedGraph::new(folder, starts, indices, weights, String::new()).unwrap()
     }
 
-    /// A row by a cached front in blocks of `1 << shift` nodes, of which `slots` fit; `None` where it gave up.
+    /// A row by a cached front in blocks of `1 << shift` nodes, of which `slots` fit; `None` if it gave up.
     fn row(graph: &WeightedGraph, shift: u32, slots: usize, source: u32, folder: &Path) -> Result<Option<Vec<f32>>> {
         let csr = graph.csr();
         let starts = block_starts(csr.starts, shift);

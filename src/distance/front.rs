@@ -1,17 +1,17 @@
 //! A front: shortest distances from sources to every node, the program's innermost loop.
 //!
-//! Label-correcting Dijkstra on [`Queue`]'s buckets. The least fixed point of d(v) = min fl(d(u) + w) in
-//! `f32` is unique, so any order of visits gives the same bits as a binary heap would
-//! (tested). A field that already holds distances is only lowered where the new sources are nearer:
-//! that is the *pruned* front of the landmark search, by the same code.
+//! Label-correcting Dijkstra on [`Queue`]'s buckets. The least fixed point of d(v) = min fl(d(u) + w) in `f32` is
+//! unique, so any order of visits gives the same bits as a binary heap would (tested). If the field already holds
+//! distances, they are lowered only where the new sources are nearer: this is the *pruned* front of the landmark
+//! search, by the same code.
 //!
-//! Its cost is branch mispredictions and cache misses: whether a step shortens a path is nearly random. So the steps of
-//! [`GATHER`] entries are first gathered without a branch, and then taken, where nearly all are shorter: 9–13 % less
-//! time on scans. And what entries need is fetched in steps, the farthest [`FAR`] entries ahead ([`super::steps`]),
-//! across the end of a bucket too. Where the graph has a [triangle adjacency](crate::graph::TriangleAdjacency) it is
-//! walked instead of the matrix. Measured (`benches/records`): 14–20 ns per face on scans over it on large pages, 27–31
-//! over the matrix. Reading its 28 bytes once would take 1 ns a face at the 27 GB/s that a thread reads here
-//! (measured): what is left is arithmetic, the queue, and visits in no order of memory.
+//! Its cost is branch mispredictions and cache misses: whether an edge shortens a path is practically random. So the
+//! edges of [`GATHER`] entries are first gathered without branching and then followed, where nearly all are shorter:
+//! 9–13 % less time on scans. The data of entries are prefetched in stages, at most [`FAR`] entries ahead
+//! ([`super::steps`]), also across the end of a bucket. If the graph has a [triangle
+//! adjacency](crate::graph::TriangleAdjacency), that is used instead of the matrix. Measured (`benches/records`): 14–20
+//! ns per face on scans with it on large pages, 27–31 with the matrix. Reading its 28 bytes once would take 1 ns per
+//! face at a thread's 27 GB/s (measured): the rest is arithmetic, the queue, and random access.
 
 use super::paging::{Paged, Pager, Pages};
 use super::queue::{Entry, Queue};
@@ -21,23 +21,23 @@ use crate::base::{Cancel, Result};
 use crate::graph::{Csr, RowStarts};
 use crate::store::mapped::{Access, Writeback, advise, will_need};
 
-/// Entries whose shorter paths are gathered before any is taken.
+/// Entries whose shorter paths are gathered before any is followed.
 pub(super) const GATHER: usize = 32;
-/// Bucket width of a front over all nodes, in mean weights.
+/// Bucket width of a front over all nodes, relative to the mean weight.
 pub const FRONT_WIDTH: f32 = 0.125;
-/// Visits between looks at the stop flag.
+/// Visits between checks of the stop flag.
 const PATIENCE: usize = 1 << 16;
 
-/// A step that shortens the path to a node, and the node it comes from.
+/// An edge that shortens the path to a node, and the node it comes from.
 #[derive(Clone, Copy, Debug, Default)]
 struct Relaxation {
     to: Entry,
     from: u32,
 }
 
-/// A label that a front carries along its paths besides distances: nothing, a limit, or the nearest source.
+/// What a front carries along its paths besides distances: nothing, a limit, or the label of the nearest source.
 trait PathLabel {
-    /// Whether a node at this distance is to be visited.
+    /// Whether a node at this distance may be visited.
     #[inline(always)]
     fn admits(&self, _distance: f32) -> bool {
         true
@@ -62,7 +62,7 @@ impl PathLabel for () {
     fn copy(&mut self, _: u32, _: u32) {}
 }
 
-/// No label; nodes at the limit or beyond stay as they are.
+/// No label; nodes at the limit or beyond keep their values.
 struct Within(f32);
 
 impl PathLabel for Within {
@@ -78,13 +78,13 @@ impl PathLabel for Within {
     fn copy(&mut self, _: u32, _: u32) {}
 }
 
-/// The label of the nearest source; at equal distances the smaller label wins, so the labels over final distances are a
-/// unique fixed point too.
+/// The label of the nearest source; at equal distances the smaller label wins, so given final distances the labels are
+/// a unique fixed point too.
 struct NearestSource<'a> {
     label: &'a mut [u32],
-    /// Nodes that met a tie which they had won before.
+    /// Nodes that met a tie which they had already won.
     ties: Vec<u32>,
-    /// So many are listed at the most.
+    /// Maximum number of listed ties.
     most: usize,
 }
 
@@ -117,8 +117,8 @@ impl PathLabel for NearestSource<'_> {
     }
 }
 
-/// Clears the labels of all nodes that a front reached (`field` (n) is neither 0 nor infinite there), so that another
-/// front over the same distances finds them for certain.
+/// Clears the labels of all nodes that a front reached (those where `field` (n) is neither 0 nor infinite), so that
+/// another front over the same distances recomputes them from scratch.
 pub(super) fn clear_labels(field: &[f32], label: &mut [u32]) {
     for (label, &distance) in label.iter_mut().zip(field) {
         if distance > 0. && distance < f32::INFINITY {
@@ -127,7 +127,7 @@ pub(super) fn clear_labels(field: &[f32], label: &mut [u32]) {
     }
 }
 
-/// A reusable front. Scratch memory is O(front), kept between runs.
+/// A reusable front. Scratch memory is proportional to the front and kept between runs.
 ///
 /// ```
 /// use nystrom_stream::base::Cancel;
@@ -151,7 +151,7 @@ pub struct Front {
     pages: Option<Pages>,
 }
 
-/// What a front did.
+/// Statistics of a front.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Visits {
     /// Nodes expanded, some of them more than once.
@@ -166,8 +166,8 @@ impl std::ops::Add for Visits {
     }
 }
 
-/// The mean weight of a graph, from up to 65,536 evenly spread entries. Of a graph in a file it reads all:
-/// [`typical_weight`] is for bucket widths.
+/// The mean weight of a graph, from 65,536 to 131,071 evenly spread entries, or from all if there are fewer. These may
+/// touch the whole file of a mapped graph: use [`typical_weight`] for bucket widths.
 pub fn mean_weight(graph: Csr<'_>) -> f32 {
     let step = (graph.weights.len() / 65_536).max(1);
     let (mut sum, mut count) = (0f64, 0u32);
@@ -178,12 +178,12 @@ pub fn mean_weight(graph: Csr<'_>) -> f32 {
     if count == 0 { 1. } else { (sum / f64::from(count)) as f32 }
 }
 
-/// Runs of entries that tell a typical weight, and entries in each.
+/// Number of runs of entries sampled for a typical weight, and entries in each.
 const RUNS: usize = 1_024;
 const RUN: usize = 64;
 
-/// About the mean weight of a graph, from evenly spread runs of entries: a bucket width needs no more, and of a graph
-/// in a file one page is read for each of them, all at a time.
+/// Approximately the mean weight of a graph, from evenly spread runs of entries: a bucket width needs no more, and in a
+/// mapped graph each run reads only one page, all requested at once.
 pub fn typical_weight(graph: Csr<'_>) -> f32 {
     let entries = graph.weights.len();
     if entries <= RUNS * RUN {
@@ -196,7 +196,7 @@ pub fn typical_weight(graph: Csr<'_>) -> f32 {
 }
 
 impl Front {
-    /// A front over `graph`, its buckets as wide as suit the weights.
+    /// A front over `graph`, with a bucket width that suits its weights.
     pub fn over(graph: Csr<'_>) -> Self {
         Self::new(typical_weight(graph))
     }
@@ -211,32 +211,32 @@ impl Front {
         Self { queue: Queue::new(width), batch: Vec::new(), relaxations: Vec::new(), pages: None }
     }
 
-    /// The same for a graph larger than memory: it tells the kernel by `pages` what it needs next.
+    /// The same for a graph larger than memory: `pages` tells the kernel what will be needed next.
     #[must_use]
     pub fn paged(self, pages: Option<Pages>) -> Self {
         Self { pages, ..self }
     }
 
-    /// Whether the front has pages.
+    /// Whether the front manages paging.
     pub fn is_paged(&self) -> bool {
         self.pages.is_some()
     }
 
-    /// Tells the kernel how `field` will be used from now on, for fronts with pages.
+    /// Advises the kernel how `field` will be used from now on, if the front manages paging.
     pub fn advise(&self, field: &[f32], access: Access) {
         if self.is_paged() {
             advise(field, access);
         }
     }
 
-    /// Tells in which file the next fields lie, for fronts with pages.
+    /// Sets the file of the next fields, if the front manages paging.
     pub fn values(&mut self, values: Option<Writeback>) {
         if let Some(pages) = &mut self.pages {
             pages.values(values);
         }
     }
 
-    /// Distances from one node: `field` (n) is overwritten, infinite where unreached.
+    /// Distances from one node: `field` (n) is overwritten, with infinity where unreached.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -247,7 +247,7 @@ impl Front {
         };
         pages.restart();
         let empty = |block: &mut [f32]| {
-            // All pages at once: a fault each for pages never written costs more than the front.
+            // All pages at once: faulting in never-written pages one by one costs more than the front.
             will_need(block);
             block.fill(f32::INFINITY);
         };
@@ -262,8 +262,7 @@ impl Front {
         result
     }
 
-    /// Lowers `field` (n) to the distances from `sources` where those are smaller; only nodes that are
-    /// lowered are visited.
+    /// Lowers `field` (n) to the distances from `sources` where those are smaller; visits only nodes that are lowered.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -271,8 +270,8 @@ impl Front {
         self.lowered(graph, sources, field, &mut (), cancel)
     }
 
-    /// Distances to the nearest of many sources, and which it is: `label` (n) gets the index into
-    /// `sources` of the nearest (the smaller one at a tie), `u32::MAX` where none is reached.
+    /// Distances to the nearest of many sources, and which one: `label` (n) gets the index in `sources` of the nearest
+    /// (the smaller index at a tie), `u32::MAX` where none is reached.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -289,7 +288,7 @@ impl Front {
         if ties.settle(graph, field, label, false, cancel)? {
             return Ok(visits);
         }
-        // Once more over the final distances: labels alone move, and nothing can be stale.
+        // A second front over the final distances: only labels change, and none can become stale.
         let (again, _) = self.front_with_labels(graph, sources, field, label, cancel)?;
         Ok(visits + again)
     }
@@ -313,7 +312,7 @@ impl Front {
         Ok((visits, nearest.into_ties()))
     }
 
-    /// Like [`Front::lower`], but nodes at `limit` or beyond are not visited: they keep what they had.
+    /// Like [`Front::lower`], but nodes at `limit` or beyond are not visited and keep their values.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -328,9 +327,9 @@ impl Front {
         self.lowered(graph, sources, field, &mut Within(limit), cancel)
     }
 
-    /// Propagates the labels of `sources` over the nodes that `field` (n) holds infinite; it is 0 at all
-    /// others, of which the sources are the boundary. At equal distances the smaller label wins. Labels of
-    /// nodes that are not reached stay.
+    /// Propagates the labels of `sources` to the nodes where `field` (n) is infinite; it must be 0 at all others, of
+    /// which the sources are the boundary. At equal distances the smaller label wins. Unreached nodes keep their
+    /// labels.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -353,7 +352,7 @@ impl Front {
         Ok(visits + again)
     }
 
-    /// A front over what `field` holds.
+    /// A front that starts from the content of `field`.
     fn lowered(
         &mut self,
         graph: Csr<'_>,
@@ -394,7 +393,7 @@ impl Front {
         cancel: &Cancel,
     ) -> Result<Visits> {
         if let RowStarts::Plain(starts) = graph.starts {
-            // What is known outside of the loop saves a tenth of it.
+            // Deciding this outside the loop saves a tenth of its time.
             return self.walk(Plain { starts, csr: graph }, field, label, &mut (), cancel);
         }
         if graph.triangles.is_empty() {
@@ -404,8 +403,8 @@ impl Front {
         self.walk(packed, field, label, &mut (), cancel)
     }
 
-    /// The loop itself, over a graph as `steps` walks it; `pager` hears where it goes. A function for each form: in one
-    /// with all of them the loop's values do not stay in registers.
+    /// The loop itself, generic over `steps`; `pager` is told where it goes. A separate function for each form: in a
+    /// single one the loop's variables do not stay in registers.
     #[inline(never)]
     fn walk(
         &mut self,
@@ -419,7 +418,7 @@ impl Front {
         let mut visits = Visits::default();
         let mut patience = PATIENCE;
         batch.clear();
-        // The entry that is first in line behind the batch, so far as what it needs was fetched already.
+        // The first entry after the batch, if its data were already prefetched.
         let mut fetched = None;
         while queue.pop_bucket(batch) {
             if patience <= batch.len() {
@@ -434,7 +433,7 @@ impl Front {
             if fetched != Some(batch[0].node) {
                 warm_up(batch, steps, field);
             }
-            // What comes next is fetched behind the end of the batch, too.
+            // Prefetching continues past the end of the batch.
             let len = batch.len();
             queue.peek(FAR, batch);
             fetched = batch.get(len).map(|entry| entry.node);
@@ -443,7 +442,7 @@ impl Front {
                 for k in start..len.min(start + GATHER) {
                     look_ahead(batch, k, steps, field);
                     let Entry { node, distance } = batch[k];
-                    // Lowered since it was pushed, it is of no use: a later entry does the work.
+                    // A stale entry, lowered since it was pushed, is useless: a later entry does the work.
                     let useful = field[node as usize] >= distance;
                     visits.expanded += u64::from(useful);
                     let most = count + steps.count(node);

@@ -1,9 +1,9 @@
-//! Which rows are finished: one line per row, appended once the row is on the disk.
+//! Records which rows are finished: one line per row, appended once the row is on the disk.
 //!
-//! The first line says what the rows are of ([`JobSpec`]); any other first line, and the journal starts anew. A line
-//! that a killed run left unfinished, or whose check does not fit, is skipped: its row is computed again. Checksums of
-//! the rows are kept, so that a row torn or flipped on the disk is not taken over. [`ResumeState`] takes up what a run
-//! that was stopped left; its cost is one pass over the rows that the journal knows, for their checksums.
+//! The first line describes the rows ([`JobSpec`]); if it differs, the journal is started over. A line that a killed
+//! run left unfinished, or with a wrong checksum, is skipped, and its row is computed again. Checksums of the rows are
+//! recorded, so that a row damaged on the disk is not reused. [`ResumeState`] continues an interrupted run; its cost is
+//! one pass over the recorded rows, for their checksums.
 
 use crate::base::parallel::lock;
 use crate::base::simd::{SimdKernel, dispatch};
@@ -32,7 +32,7 @@ pub struct RowFacts {
 }
 
 impl RowFacts {
-    /// Whether a row of `nodes` nodes can have these sums: they come from files.
+    /// Whether a row of `nodes` nodes can have these sums: they are read from files.
     pub(super) fn is_sound(&self, nodes: usize) -> bool {
         self.reached <= nodes as u64 && self.sum.is_finite() && self.sum >= 0. && self.farthest.is_finite()
     }
@@ -53,7 +53,7 @@ impl SimdKernel for Sums<'_> {
     fn run(self) -> RowFacts {
         let mut facts = RowFacts::default();
         for block in self.0.chunks(4096) {
-            // Without branches and in lanes, which vectorise; infinite distances count as none.
+            // Branch-free and in lanes, so that it vectorises; infinite distances do not count.
             let (mut sum, mut top, mut reached) = ([0f64; 8], [0f32; 8], [0u32; 8]);
             let (lanes, rest) = block.as_chunks::<8>();
             for lanes in lanes {
@@ -78,35 +78,35 @@ impl SimdKernel for Sums<'_> {
     }
 }
 
-/// What the rows of a journal are of.
+/// Describes the rows of a journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JobSpec {
     /// Key of the stage.
     pub key: String,
-    /// The options behind it.
+    /// The options that determine the rows.
     pub options: serde_json::Value,
     /// Rows in all.
     pub rows: usize,
-    /// Nodes, the items of a row.
+    /// Number of nodes, the length of a row.
     pub nodes: usize,
-    /// Which of the rows are here: those k with k mod `of` = `shard`.
+    /// Only the rows k with k mod `of` = `shard` belong to this journal.
     pub shard: usize,
     /// Number of shards.
     pub of: usize,
 }
 
 impl JobSpec {
-    /// Whether there can be such rows: no more than nodes, and no more shards than rows.
+    /// Whether such rows can exist: no more than nodes, and no more shards than rows.
     fn is_sound(&self) -> bool {
         self.nodes <= u32::MAX as usize && self.rows <= self.nodes && self.of <= self.rows && self.shard < self.of
     }
 
-    /// Whether row `k` is wanted.
+    /// Whether row `k` belongs to this shard.
     pub(super) fn wants(&self, k: usize) -> bool {
         k % self.of == self.shard
     }
 
-    /// How many rows are wanted.
+    /// How many rows belong to this shard.
     pub(super) fn wanted(&self) -> usize {
         self.rows.saturating_sub(self.shard).div_ceil(self.of)
     }
@@ -119,7 +119,7 @@ pub struct JournalEntry {
     pub row: usize,
     /// Its landmark.
     pub landmark: u32,
-    /// Sums of the row, bits and all.
+    /// Sums of the row, exact to the bit.
     pub facts: RowFacts,
     /// XXH3 of its bytes.
     pub xxh3: u64,
@@ -130,7 +130,7 @@ pub fn checksum(row: &[f32]) -> u64 {
     xxh3_64(bytemuck::cast_slice(row))
 }
 
-/// A journal being written.
+/// A journal open for appending.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
@@ -138,7 +138,7 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Reads the journal at `path`: the job and the rows it tells of. `None` where there is no readable first line.
+    /// Reads the journal at `path`: the job and the recorded rows. `None` if there is no readable first line.
     pub fn read(path: &Path) -> Option<(JobSpec, BTreeMap<usize, JournalEntry>)> {
         let mut text = Vec::new();
         File::open(path).ok()?.read_to_end(&mut text).ok()?;
@@ -159,7 +159,7 @@ impl Journal {
         Some((spec, rows))
     }
 
-    /// Starts a journal anew.
+    /// Starts a new journal.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -170,12 +170,12 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Goes on with a journal that was [`Journal::read`].
+    /// Reopens a journal that was [`Journal::read`].
     ///
     /// # Errors
     /// [`Error::Io`].
     pub fn reopen(path: &Path) -> Result<Self> {
-        // Appended to, should another process go on with the same shard: neither writes over the other's lines.
+        // In append mode, in case another process continues the same shard: neither overwrites the other's lines.
         let mut file = File::options().read(true).append(true).open(path).map_err(Error::io(path, "open"))?;
         let end = file.seek(SeekFrom::End(0)).map_err(Error::io(path, "read"))?;
         let mut last = [b'\n'];
@@ -184,13 +184,13 @@ impl Journal {
             file.read_exact(&mut last).map_err(Error::io(path, "read"))?;
         }
         if last != [b'\n'] {
-            // An unfinished line is closed, so that it spoils no other.
+            // An unfinished line is terminated, so that it does not corrupt the next one.
             file.write_all(b"\n").map_err(Error::io(path, "write"))?;
         }
         Ok(Self { path: path.to_path_buf(), file: Mutex::new(file) })
     }
 
-    /// Appends a line and brings it to the disk.
+    /// Appends a line and syncs it.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -204,19 +204,19 @@ impl Journal {
     }
 }
 
-/// Rows under way: begun, or taken up where a run that was stopped left them.
+/// The state of rows in progress: new, or continued from an interrupted run.
 #[derive(Debug)]
 pub(super) struct ResumeState {
     pub file: RowsFile<f32>,
-    /// Whole rows by number.
+    /// Complete rows by number.
     pub done: BTreeMap<usize, JournalEntry>,
-    /// Where finished rows are entered; in a directory that lasts only.
+    /// The journal for finished rows; only in a directory that is kept.
     pub journal: Option<Journal>,
 }
 
 impl ResumeState {
-    /// The rows of `spec` in the file `name` of `work` (under its temporary name). Those that the journal `journal` of
-    /// the same spec tells of are taken over where `sound` and their checksums hold.
+    /// The rows of `spec` in the file `name` of `work` (under its temporary name). Rows recorded in the journal
+    /// `journal` of the same spec are reused if `sound` and their checksums match.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`].

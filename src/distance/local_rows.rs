@@ -1,11 +1,11 @@
-//! Rows that end early: the distances from each of many samples to the vertices near it.
+//! Truncated rows: the distances from each of many samples to nearby vertices only.
 //!
-//! Where only near vertices matter, as under a narrow kernel, a front stops at a limit, and hundreds of samples cost as
-//! much as a few full rows: every vertex is reached by as many fronts as there are samples within the limit. Kept by
-//! vertex, as a sparse matrix of n rows, because what is made of them is made vertex by vertex.
+//! If only nearby vertices matter, as under a narrow kernel, a front stops at a limit, and hundreds of samples cost as
+//! much as a few full rows: every vertex is reached by as many fronts as there are samples within the limit. Stored by
+//! vertex, as a sparse matrix of n rows, because they are used vertex by vertex.
 //!
-//! Cost: time of the fronts ([`super::march`]) per vertex and sample near it; on disk 8 bytes each, twice while they
-//! are sorted by vertex, and 8 bytes a vertex; allocated are the field of a front, 4 bytes per vertex and thread.
+//! Cost: time of the fronts ([`super::march`]) per vertex and nearby sample; on disk 8 bytes each, twice while they are
+//! sorted by vertex, and 8 bytes per vertex; in memory one field per front, 4 bytes per vertex and thread.
 
 use super::front::mean_weight;
 use super::march::{March, Surface};
@@ -20,28 +20,28 @@ use std::ops::Range;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Near {
-    /// Which sample.
+    /// The number of the sample.
     pub sample: u32,
-    /// How far, in units of the graph.
+    /// Its distance, in units of the graph.
     pub distance: f32,
 }
 
 /// The samples near each vertex.
 #[derive(Clone, Debug)]
 pub struct LocalRows {
-    /// The samples, vertices (s).
+    /// The vertices of the samples (s).
     pub samples: Vec<u32>,
     /// Distances are below this.
     pub limit: f32,
     /// Where each vertex's entries begin (n + 1).
     starts: MappedSlice<u64>,
-    /// Number of a sample and bits of a distance, by vertex and sample.
+    /// Number of a sample and bits of a distance, sorted by vertex and sample.
     entries: MappedSlice<u32>,
 }
 
 impl LocalRows {
-    /// The distances below `limit` from `samples` on `surface`, in files of `context` that begin with `name`. Progress
-    /// is reported as stage `basis`, in rows.
+    /// The distances below `limit` from `samples` on `surface`, in files of `context` whose names start with `name`.
+    /// Progress is reported as stage `basis`, in rows.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -84,7 +84,7 @@ impl LocalRows {
         }
         let mut entries = work.array::<u32>(&format!("{name}.npy"), &[flat.len() / 2, 2])?;
         let out = &mut entries.data()[..];
-        // Ascending samples, so that each vertex has its own in that order; starts become ends on the way.
+        // Samples ascend, so each vertex's entries do too; the starts become ends along the way.
         let mut at = 0;
         for (sample, size) in sizes.into_iter().enumerate() {
             run.cancel.check()?;
@@ -107,7 +107,7 @@ impl LocalRows {
         self.starts.len() - 1
     }
 
-    /// Distances held.
+    /// Number of stored distances.
     pub fn len(&self) -> usize {
         self.entries.len() / 2
     }
@@ -135,7 +135,7 @@ fn along_edges(
     cancel: &crate::base::Cancel,
 ) -> Result<Vec<(u32, f32)>> {
     let result = front.within(surface.graph, &[source], limit, field, cancel);
-    // The vertices reached are connected through vertices reached.
+    // The reached vertices are connected with each other.
     let took = |field: &mut [f32], v: u32| {
         let distance = std::mem::replace(&mut field[v as usize], f32::INFINITY);
         (v, distance)

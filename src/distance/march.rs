@@ -1,14 +1,14 @@
 //! Fast marching over triangles: distances along the surface instead of along edges.
 //!
-//! A vertex x of a triangle whose other corners p, q hold the distances d(p), d(q) gets the least of d(p) + t (d(q) −
-//! d(p)) + |x − p − t (q − p)|, 0 ≤ t ≤ 1: a straight way through the triangle (Kimmel and Sethian 1998, in Hopf's and
-//! Lax's form, which also holds where the triangle is obtuse). t = 0 and 1 are the graph's edges, so bridges and joined
+//! A vertex x of a triangle whose other corners p, q have the distances d(p), d(q) gets the minimum of d(p) + t (d(q) −
+//! d(p)) + |x − p − t (q − p)| over 0 ≤ t ≤ 1: a straight path through the triangle (Kimmel and Sethian 1998, in the
+//! Hopf–Lax form, which also holds if the triangle is obtuse). t = 0 and 1 are the graph's edges, so bridges and welded
 //! duplicates are crossed as well.
 //!
-//! Label-correcting on [`super::front`]'s buckets: a vertex that is lowered sees its triangles again, and lowers those
-//! that are farther than itself. Each update is monotone, so values only fall; gains below [`GAIN`] of a value are
-//! left, and so are those against the front's direction that obtuse triangles could give (less than 1 % in tests).
-//! Cost: 0.3 to 0.5 µs a vertex, most of which are visited once; scratch is that of the front.
+//! Label-correcting on [`super::front`]'s buckets: a vertex that is lowered revisits its triangles and updates those
+//! corners that are farther than itself. Each update is monotone, so values only fall; gains below [`GAIN`] of a value
+//! are ignored, and so are updates against the front's direction, which obtuse triangles could need (less than 1 % in
+//! tests). Cost: 0.3 to 0.5 µs per vertex, most of which are visited once; scratch is that of the front.
 
 use super::front::FRONT_WIDTH;
 use super::queue::{Entry, Queue};
@@ -16,9 +16,9 @@ use crate::base::{Cancel, Result};
 use crate::graph::Csr;
 use crate::graph::{Node, VertexGraph};
 
-/// Share of a distance by which it must fall to count.
+/// The relative decrease of a distance that counts as an improvement.
 pub const GAIN: f32 = 1e-6;
-/// Visits between looks at the stop flag.
+/// Visits between checks of the stop flag.
 const PATIENCE: usize = 1 << 19;
 
 /// A surface as raw slices.
@@ -28,9 +28,9 @@ pub struct Surface<'a> {
     pub graph: Csr<'a>,
     /// Positions of vertices (n).
     pub nodes: &'a [Node],
-    /// Where each vertex's triangles begin (n + 1).
+    /// Where each vertex's triangles start (n + 1).
     pub ring_starts: &'a [u64],
-    /// The other corners of each triangle (2 each).
+    /// The other two corners of each triangle (2 each).
     pub ring: &'a [u32],
 }
 
@@ -43,15 +43,15 @@ impl<'a> Surface<'a> {
 
 /// How far a march goes.
 trait Extent {
-    /// Whether it may stop, all distances up to `reached` being final.
+    /// Whether it may stop, as all distances up to `reached` are final.
     fn is_done(&self, _field: &[f32], _reached: f32) -> bool {
         false
     }
-    /// Hears of each vertex once, when it is first reached.
+    /// Called once for each vertex, when it is first reached.
     fn reached(&mut self, _vertex: u32) {}
 }
 
-/// Everywhere.
+/// Unlimited.
 impl Extent for () {}
 
 /// Until the targets' distances are final; remembers the vertices touched.
@@ -91,7 +91,7 @@ pub struct March {
     batch: Vec<Entry>,
 }
 
-/// The distance at x through the inside of the edge from p (at distance `dp`) to q (at `dq`); infinite where the way
+/// The distance of x through the interior of the edge from p (at distance `dp`) to q (at `dq`); infinite if the path
 /// through one of its ends is shorter.
 #[inline]
 pub fn through(x: [f32; 3], p: [f32; 3], q: [f32; 3], dp: f32, dq: f32) -> f32 {
@@ -107,7 +107,7 @@ pub fn through(x: [f32; 3], p: [f32; 3], q: [f32; 3], dp: f32, dq: f32) -> f32 {
     if rest <= 0. || !rest.is_finite() {
         return f32::INFINITY;
     }
-    // Along the edge and off it.
+    // Components along the edge and perpendicular to it.
     let along = dot(a, e) / length;
     let off = (dot(a, a) - along * along).max(0.).sqrt();
     let (slope, fall) = (rise / length, rest.sqrt() / length);
@@ -133,9 +133,9 @@ impl March {
         self.spread(surface, source, field, &mut (), cancel)
     }
 
-    /// Distances from `source` until those of `targets` are final (but for what obtuse triangles ahead might still
-    /// save), which are returned. `field` (n) must be infinite
-    /// everywhere and is left so; cost follows the area reached.
+    /// Distances from `source`, until those of `targets`, which are returned, are final (except for what obtuse
+    /// triangles ahead might still save). `field` (n) must be infinite everywhere and is left so; cost is proportional
+    /// to the area reached.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -155,7 +155,7 @@ impl March {
     }
 
     /// The vertices nearer than `limit` to `source` and their distances, ascending by vertex. `field` (n) must be
-    /// infinite everywhere and is left so; cost follows the area reached.
+    /// infinite everywhere and is left so; cost is proportional to the area reached.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -176,7 +176,7 @@ impl March {
         result.map(|()| found)
     }
 
-    /// Spreads from `source` as far as `extent` says.
+    /// Spreads from `source` until `extent` stops it.
     fn spread(
         &mut self,
         surface: Surface<'_>,
@@ -226,7 +226,7 @@ impl March {
                     let [b, c] = [pair[0], pair[1]];
                     let (db, dc) = (field[b as usize], field[c as usize]);
                     let (at_b, at_c) = (nodes[b as usize].centroid, nodes[c as usize].centroid);
-                    // What lies below this distance is no longer changed from here.
+                    // Values below this distance are not changed from here.
                     if dc > distance {
                         lower(field, c, through(at_c, here, at_b, distance, db));
                     }

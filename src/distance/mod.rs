@@ -1,10 +1,10 @@
 //! Distances over the graph: fronts and rows.
 //!
-//! A [`front`] is a wave of shortest distances from one or more sources over the whole graph; a *row* is the
-//! distances from one landmark to every node, a row of `[A B]`. A [`sampler`] picks landmarks while [`rows`] runs one
-//! full front per landmark on the other threads and writes its distances, or shows each row to a visitor
-//! ([`row_sink`]). Fronts from many sources label nodes by the nearest one ([`voronoi`]); a [`march`] goes through
-//! triangles instead of along edges.
+//! A [`front`] is a wave of shortest distances from one or more sources over the whole graph; a *row* is the distances
+//! from one landmark to every node, a row of `[A B]`. A [`sampler`] picks landmarks while [`rows`] runs one full front
+//! per landmark on the other threads and writes its distances, or passes each row to a visitor ([`row_sink`]). Fronts
+//! from many sources label nodes with the nearest one ([`voronoi`]); a [`march`] crosses triangles instead of following
+//! edges.
 
 mod block_cache;
 mod block_front;

@@ -1,14 +1,15 @@
-//! Which parts of the graph a front needs next, told to the kernel: fronts over graphs larger than memory.
+//! Tells the kernel which parts of the graph a front needs next: for fronts over graphs larger than memory.
 //!
-//! A front crosses a mesh as a narrow band, so of a graph in a good order few pages are in use at a time; each has to
-//! be read only once a row. Left to itself, the kernel spoils this twice: read-ahead around every fault brings in
-//! megabytes for the sake of a page (8 MiB on some disks), and without read-ahead every page is waited for. So mappings
-//! are read without read-ahead, and the nodes, in blocks of [`BLOCK_NODES`], are asked for when the front first pushes
-//! a node of theirs, which is some buckets before it reads their rows. Values behind the band are sent to the disk
-//! early: a control group that fills with changed pages stalls.
+//! A front crosses a mesh as a narrow band, so if the order is good few pages are in use at a time; each has to be read
+//! only once per row. The kernel's defaults prevent this: read-ahead around every fault reads megabytes for the sake of
+//! a page (8 MiB on some disks), and without read-ahead every page is waited for. So mappings are read without
+//! read-ahead, and blocks of [`BLOCK_NODES`] nodes are requested when the front first pushes one of their nodes, which
+//! is some buckets before it reads their rows. Values behind the band are written back early: a control group full of
+//! dirty pages stalls.
 //!
-//! A fresh field is filled with infinity block by block too, so that no row is written twice. Memory: 10 bytes a
-//! block. The values are the same as without (tested); where everything fits, fronts run without [`Pages`].
+//! A fresh field is filled with infinity block by block too, so that no row is written twice. Memory: 10 bytes per
+//! block. The values are the same as without paging (tested); if everything fits in memory, fronts run without
+//! [`Pages`].
 
 use crate::graph::{Csr, RowStarts};
 use crate::store::Run;
@@ -17,15 +18,15 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Nodes a block, a power of two: some 400 KiB of graph, a read that a disk does at nearly full speed.
+/// Nodes per block, a power of two: some 400 KiB of graph, a read that a disk does at nearly full speed.
 pub const BLOCK_NODES: usize = 1 << SHIFT;
 pub(super) const SHIFT: u32 = 14;
-/// Blocks met after a block before its values are sent to the disk: more than a band is long.
+/// Blocks entered after a block before its values are written back: more than the length of a band.
 const LAG: usize = 256;
 
-/// Hears from a front where it goes; `()` does not care.
+/// Is notified where a front goes; `()` ignores it.
 pub(super) trait Pager {
-    /// Called for every step, before the value of `to` in `field` is read.
+    /// Called for every edge, before the value of `to` in `field` is read.
     fn meet(&mut self, from: u32, to: u32, field: &mut [f32]);
 }
 
@@ -34,7 +35,7 @@ impl Pager for () {
     fn meet(&mut self, _: u32, _: u32, _: &mut [f32]) {}
 }
 
-/// Pages of a graph; `met` sees the part of the field that lies in a block met for the first time.
+/// Pages of a graph; `met` is called with the part of the field in a block that is entered for the first time.
 pub(super) struct Paged<'a, 'g, F> {
     pub graph: Csr<'g>,
     pub pages: &'a mut Pages,
@@ -52,51 +53,51 @@ impl<F: Fn(&mut [f32])> Pager for Paged<'_, '_, F> {
     }
 }
 
-/// Asks the kernel to read the rows of `nodes`, without waiting for any but their starts.
+/// Asks the kernel to read the rows of `nodes`, waiting only for their starts.
 pub(super) fn rows_needed(graph: Csr<'_>, nodes: Range<usize>) {
     entries_needed(graph, nodes.clone(), graph.starts.entries_of(nodes));
 }
 
-/// The same for `nodes` whose rows are known to be those `entries` of `graph`.
+/// The same for `nodes` whose rows are known to be `entries` of `graph`.
 fn entries_needed(graph: Csr<'_>, nodes: Range<usize>, entries: Range<usize>) {
     graph.starts.will_need(nodes);
     will_need(&graph.indices[entries.clone()]);
     will_need(&graph.weights[entries]);
 }
 
-/// First entry of the rows of each block of `1 << shift` nodes, and the number of entries.
+/// First entry of the rows of each block of `1 << shift` nodes, followed by the number of entries.
 pub(super) fn block_starts(starts: RowStarts<'_>, shift: u32) -> Vec<u64> {
     let first = |block: usize| starts.span((block << shift) as u32).start as u64;
     (0..starts.len().div_ceil(1 << shift)).map(first).chain([starts.entries() as u64]).collect()
 }
 
-/// A graph in blocks, and which of them a front has met.
+/// A graph in blocks, and which of them a front has entered.
 #[derive(Clone, Debug)]
 pub struct Pages {
     nodes: usize,
     /// First entry of each block's rows (blocks + 1).
     starts: Arc<[u64]>,
     met: Vec<bool>,
-    /// Blocks whose values may not be on their way to the disk yet, the one met first in front.
+    /// Blocks whose values may not be written back yet, in the order of entering.
     unsent: VecDeque<u32>,
     values: Option<Writeback>,
 }
 
 impl Pages {
-    /// The blocks of `graph`. Reads one row start a block.
+    /// The blocks of `graph`. Reads one row start per block.
     pub fn of(graph: Csr<'_>) -> Self {
         let starts = block_starts(graph.starts, SHIFT);
         let met = vec![false; starts.len() - 1];
         Self { nodes: graph.len(), starts: starts.into(), met, unsent: VecDeque::new(), values: None }
     }
 
-    /// Whether `graph` and `bytes` of values are more than the kernel can keep in memory.
+    /// Whether `graph` and `bytes` of values exceed what the kernel can keep in memory.
     pub(super) fn needed(graph: Csr<'_>, bytes: usize, run: &Run) -> bool {
         graph.bytes() + bytes as u64 > run.resident
     }
 
-    /// Lends the blocks of `graph` to `work` where they are [needed](Pages::needed); the kernel then reads nothing
-    /// ahead by itself meanwhile.
+    /// Passes the blocks of `graph` to `work` if they are [needed](Pages::needed); meanwhile the kernel's own
+    /// read-ahead is off.
     pub(super) fn lend<R>(graph: Csr<'_>, bytes: usize, run: &Run, work: impl FnOnce(Option<Self>) -> R) -> R {
         if !Self::needed(graph, bytes, run) {
             return work(None);
@@ -113,23 +114,23 @@ impl Pages {
         advise(graph.weights, access);
     }
 
-    /// The next fronts' values lie in the file of `values`.
+    /// Sets the file of the next fronts' values.
     pub(super) fn values(&mut self, values: Option<Writeback>) {
         self.values = values;
     }
 
-    /// Forgets what was met.
+    /// Marks all blocks as not entered.
     pub(super) fn restart(&mut self) {
         self.met.fill(false);
         self.unsent.clear();
     }
 
-    /// Nodes of the blocks that were not met.
+    /// Nodes of the blocks that were not entered.
     pub(super) fn unmet(&self) -> impl Iterator<Item = Range<usize>> + '_ {
         self.met.iter().enumerate().filter(|(_, met)| !**met).map(|(block, _)| self.block(block))
     }
 
-    /// Enters the block of `node` if it was not met.
+    /// Enters the block of `node`; returns its nodes if it was not entered before.
     pub(super) fn enter(&mut self, graph: Csr<'_>, node: u32) -> Option<Range<usize>> {
         let block = (node >> SHIFT) as usize;
         if std::mem::replace(&mut self.met[block], true) {
@@ -144,14 +145,14 @@ impl Pages {
         Some(nodes)
     }
 
-    /// Starts writing the values of the block met first.
+    /// Starts writing back the values of the block entered first.
     fn send(&mut self) {
         if let (Some(block), Some(values)) = (self.unsent.pop_front(), &self.values) {
             values.start(self.block(block as usize));
         }
     }
 
-    /// Starts writing all values that are not on their way.
+    /// Starts writing back all remaining values.
     pub(super) fn send_all(&mut self) {
         while !self.unsent.is_empty() {
             self.send();

@@ -1,19 +1,19 @@
-//! The front's queue: a ring of buckets of equal width, first in first out inside a bucket, and a heap
-//! for what lies beyond the ring.
+//! The front's queue: a ring of buckets of equal width, first in, first out within a bucket, and a heap for entries
+//! beyond the ring.
 //!
-//! Real weights are heavy-tailed (mean 6–8 times the median, maximum 100 times the mean), so order
-//! inside a bucket matters: last-in-first-out explodes on them, first-in-first-out needs 1.0–1.5
-//! visits a node for widths from .03 to .5 of the mean weight (measured).
+//! Real weights are heavy-tailed (mean 6–8 times the median, maximum 100 times the mean), so order inside a bucket
+//! matters: last-in-first-out needs an exploding number of visits, first-in-first-out 1.0–1.5 per node for widths from
+//! .03 to .5 of the mean weight (measured).
 //!
-//! Entries sit in blocks of [`BLOCK_ENTRIES`] from a pool, so the queue's memory is that of the front
-//! (O(√n) entries) plus at most one part-filled block a busy bucket, 8 MB.
+//! Entries are stored in blocks of [`BLOCK_ENTRIES`] from a pool, so the queue's memory is that of the front (O(√n)
+//! entries) plus at most one partly filled block per busy bucket, 8 MB.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 /// Buckets in the ring; a power of two.
 pub const RING: usize = 1 << 14;
-/// Entries a block.
+/// Entries per block.
 pub const BLOCK_ENTRIES: usize = 62;
 const NONE: u32 = u32::MAX;
 
@@ -40,13 +40,13 @@ pub struct Queue {
     inverse_width: f32,
     heads: Vec<u32>,
     tails: Vec<u32>,
-    /// One bit a bucket: whether it holds entries.
+    /// One bit per bucket: whether it holds entries.
     busy: Vec<u64>,
     pool: Vec<Block>,
     free: u32,
     /// Number of the first bucket that may hold entries.
     current: u64,
-    /// Entries beyond the ring, nearest first; `f32` bits order like the positive numbers they are.
+    /// Entries beyond the ring, nearest first; the bits of non-negative `f32`s have the same order as the numbers.
     far: BinaryHeap<Reverse<(u32, u32)>>,
 }
 
@@ -65,13 +65,13 @@ impl Queue {
         }
     }
 
-    /// The number of the bucket of a distance; monotone, saturating. Through `i32`, which processors convert to.
+    /// The number of the bucket for a distance; monotonic, saturating. Via `i32`, which processors convert to directly.
     #[inline]
     fn bucket(&self, distance: f32) -> u64 {
         (distance * self.inverse_width) as i32 as u64
     }
 
-    /// Starts anew for a front whose least source distance is `distance`. The queue must be empty.
+    /// Restarts for a front whose least source distance is `distance`. The queue must be empty.
     pub fn restart(&mut self, distance: f32) {
         self.current = self.bucket(distance);
     }
@@ -82,7 +82,7 @@ impl Queue {
         self.push_at(self.bucket(entry.distance), entry);
     }
 
-    /// Adds an entry whose distance may lie below the bucket being emptied: it comes next then.
+    /// Adds an entry whose distance may lie below the bucket being emptied; it then comes next.
     #[inline]
     pub fn push_late(&mut self, entry: Entry) {
         self.push_at(self.bucket(entry.distance).max(self.current), entry);
@@ -131,8 +131,8 @@ impl Queue {
         self.tails[slot] = id;
     }
 
-    /// Moves the entries of the first bucket that has any to the end of `out`; false when the
-    /// queue is empty. Entries pushed into that bucket meanwhile are found by the next call.
+    /// Moves the entries of the first non-empty bucket to the end of `out`; false if the queue is empty. Entries pushed
+    /// into that bucket meanwhile are returned by the next call.
     pub fn pop_bucket(&mut self, out: &mut Vec<Entry>) -> bool {
         loop {
             let near = self.next_busy();
@@ -150,7 +150,7 @@ impl Queue {
         }
     }
 
-    /// Drops all entries: of a front that was given up.
+    /// Discards all entries, after a front was aborted.
     pub fn clear(&mut self) {
         let mut dropped = Vec::new();
         while self.pop_bucket(&mut dropped) {
@@ -158,7 +158,7 @@ impl Queue {
         }
     }
 
-    /// Moves what the ring now covers from the heap into it.
+    /// Moves entries from the heap to the part of the ring that now covers them.
     fn bring_near(&mut self) {
         while let Some(&Reverse((bits, node))) = self.far.peek() {
             let distance = f32::from_bits(bits);
@@ -190,8 +190,7 @@ impl Queue {
         None
     }
 
-    /// Copies up to `most` of the entries that are first in line now to the end of `out`; none
-    /// of those beyond the ring.
+    /// Copies up to `most` of the next entries to the end of `out`; none of those beyond the ring.
     pub fn peek(&self, most: usize, out: &mut Vec<Entry>) {
         if let Some(near) = self.next_busy() {
             let block = &self.pool[self.heads[near as usize % RING] as usize];

@@ -1,15 +1,16 @@
-//! How rows are computed: a thread that searches landmarks, and threads that run a full front each.
+//! How rows are computed: one thread searches for landmarks, the others run a full front for each.
 //!
-//! The search sends each landmark down a channel as soon as it is known; the others take them and run full fronts
-//! meanwhile; it joins them when it is done. A finished row is brought to the disk, entered in the journal, and goes
-//! down a second channel with its sums to the calling thread, which collects the sums and reports progress. The first
-//! landmark's row falls out of the search and is not computed twice: where the budget has room for a copy, a thread
-//! that has nothing to do yet writes it.
+//! The search sends each landmark through a channel as soon as it is found; the other threads receive them and run full
+//! fronts meanwhile. When the search is done, its thread joins them. A finished row is synced, recorded in the journal,
+//! and its sums go through a second channel to the calling thread, which collects them and reports progress. The search
+//! computes the first landmark's row anyway, so it is not computed again: if the budget has room for a copy, another
+//! thread, which would be idle, writes it.
 //!
-//! Nothing can run beside the first front: 23 of the 126 ms that ten rows over 1.3 M faces take on two threads.
+//! Nothing can run in parallel with the first front: 23 of the 126 ms that ten rows over 1.3 M faces take on two
+//! threads.
 //!
-//! Rows that the journal knows from an earlier run are checked (one pass over them) and taken over. In a
-//! temporary directory there is no journal and nothing is synced.
+//! Rows recorded in the journal of an earlier run are verified (one pass over them) and reused. In a temporary
+//! directory there is no journal and nothing is synced.
 
 use super::block_cache::RowFile;
 use super::cached_front::{CachedFront, Division};
@@ -34,36 +35,36 @@ use std::sync::Mutex;
 /// Finished rows by number.
 type Entries = BTreeMap<usize, JournalEntry>;
 
-/// Rows to be computed.
+/// A set of rows to be computed.
 #[derive(Clone, Copy)]
 pub(super) struct RowJob<'a> {
     pub weighted: &'a WeightedGraph,
-    /// The same as raw slices.
+    /// The same graph as raw slices.
     pub graph: Csr<'a>,
     pub nodes: NodeView<'a>,
-    /// Who chooses the landmarks.
+    /// Chooses the landmarks.
     pub sampler: &'a dyn Sampler,
-    /// What the rows are of, and which of them are wanted.
+    /// Describes the rows and which of them are wanted.
     pub spec: &'a JobSpec,
 }
 
-/// A landmark whose row is wanted.
+/// A request to compute a landmark's row.
 struct Request {
     row: usize,
     landmark: u32,
-    /// The row, where it is known and has only to be written.
+    /// The row, if it is already known and only has to be written.
     known: Option<AlignedBuffer>,
 }
 
-/// Memory that a thread computes rows in, one after the other.
+/// A thread's buffer for rows, one after the other.
 enum Scratch {
     Granted(AlignedBuffer),
     Mapped(ArrayMut<f32>),
-    /// None: rows are computed where they lie, in the file or in memory.
+    /// None: rows are computed in place, in the file or in memory.
     InPlace,
 }
 
-/// What a thread computes rows with, from its first one on.
+/// A thread's memory for computing rows, created with its first row.
 struct ThreadMemory<'a> {
     scratch: Scratch,
     /// For graphs larger than memory.
@@ -72,7 +73,7 @@ struct ThreadMemory<'a> {
 
 impl RowJob<'_> {
     /// Computes the rows that the spec wants into the file `name` (still under its temporary name when this returns),
-    /// going on where the journal `journal` says that an earlier run was.
+    /// continuing an interrupted run according to the journal `journal`.
     pub fn compute(&self, name: &str, journal: &str, context: Context<'_>) -> Result<(RowsFile<f32>, Entries)> {
         let spec = self.spec;
         let ResumeState { file, done, journal } = ResumeState::new(spec, (name, journal), |_| true, context)?;
@@ -93,7 +94,7 @@ impl RowJob<'_> {
         Ok((file, entries))
     }
 
-    /// Computes the rows that the spec wants, and shows each to `visitor`. None is kept.
+    /// Computes the rows that the spec wants, and passes each to `visitor`. None is kept.
     pub fn pass(&self, visitor: RowVisitor<'_>, context: Context<'_>) -> Result<Entries> {
         self.fill(&RowSink::new(self.spec, Target::Visitor(visitor), Entries::new()), context)
     }
@@ -114,7 +115,7 @@ impl RowJob<'_> {
         let paged = Pages::needed(self.graph, bytes, context.run);
         let triangles = if paged { None } else { TriangleAdjacency::of(self.graph, context.run)? };
         let graph = Csr { triangles: triangles.as_ref().map_or(&[], TriangleAdjacency::all), ..self.graph };
-        // Before the kernel is told to read no more than it is asked for.
+        // Computed before the kernel's read-ahead is turned off.
         let mean = typical_weight(graph);
         let direct = if paged { self.weighted.direct()? } else { None };
         let each = context.run.budget.left() / 4 * 3 / context.run.threads.max(1) as u64;
@@ -131,21 +132,21 @@ impl RowJob<'_> {
     }
 }
 
-/// A job under way: what its threads share.
+/// A job in progress: the state shared by its threads.
 struct Running<'a, 's> {
     job: RowJob<'a>,
     /// Mean weight of the graph.
     mean: f32,
-    /// The graph weighted by length alone, for samplers that need it.
+    /// The graph weighted by length only, for samplers that need it.
     lengths: Option<Csr<'a>>,
-    /// The graph's files and how they are divided into blocks, where it is larger than memory.
+    /// The graph's files and their division into blocks, if it is larger than memory.
     cached: Option<&'a (DirectGraph, Division)>,
     sink: &'a RowSink<'s>,
     context: Context<'a>,
 }
 
 impl Running<'_, '_> {
-    /// [`Running::fronts`] with the graph of lengths beside: 4 bytes per entry in a mapped file.
+    /// [`Running::fronts`] with an additional graph of lengths: 4 bytes per entry in a mapped file.
     fn with_lengths(&self, field: Option<&mut MappedSliceMut<f32>>, pages: Option<Pages>) -> Result<Entries> {
         let (RowJob { graph, nodes, spec, .. }, Context { work, run }) = (self.job, self.context);
         let name = format!("lengths-{}.tmp", spec.shard);
@@ -155,8 +156,8 @@ impl Running<'_, '_> {
         Running { lengths: Some(lengths), ..*self }.fronts(field, pages)
     }
 
-    /// Runs search and fronts until every wanted row is there. The search's field is `field`, or lies
-    /// where the last row will.
+    /// Runs search and fronts until all wanted rows are done. The search's field is `field`, or the place of the last
+    /// row.
     fn fronts(&self, field: Option<&mut MappedSliceMut<f32>>, pages: Option<Pages>) -> Result<Entries> {
         let run = self.context.run;
         let front = || Front::new(self.mean).paged(pages.clone());
@@ -180,20 +181,20 @@ impl Running<'_, '_> {
                     drop(send);
                     self.rows(0, &mut searching, &requests, &out)
                 });
-                // Nobody listens once another thread has failed.
+                // After an error in another thread nobody receives this.
                 ended.flatten().unwrap_or_else(|error| drop(out.send(Err(error))));
             })?;
             for thread in 1..run.threads.min(missing) {
                 let (requests, out) = (receive.clone(), done.clone());
                 let mut front = front();
-                // One that the system refuses is one fewer.
+                // If the system refuses a thread, the others do its work.
                 drop(spawn(scope, move || {
                     let ended = catch(|| self.rows(thread, &mut front, &requests, &out));
                     ended.flatten().unwrap_or_else(|error| drop(out.send(Err(error))));
                 }));
             }
             drop((receive, done));
-            // Moved in so that the others see that nobody listens when this returns early.
+            // Moved in, so that the threads see the channel close when this returns early.
             let finished = finished;
             for _ in 0..missing {
                 let lost = || Err(Error::internal("all threads ended before all rows were there"));
@@ -206,7 +207,7 @@ impl Running<'_, '_> {
         Ok(entries)
     }
 
-    /// Sends the landmarks whose rows are wanted and not there yet, until another thread fails.
+    /// Sends the landmarks whose rows are wanted and missing, until another thread fails.
     fn search(
         &self,
         field: &mut MappedSliceMut<f32>,
@@ -247,9 +248,9 @@ impl Running<'_, '_> {
         Ok(())
     }
 
-    /// Computes rows until there are no more: where they will lie if that is in memory; in memory and handed on
-    /// as a whole where the budget has room for that; else where they lie in the mapped file, or in a mapped
-    /// file of the thread's own.
+    /// Computes rows until there are no more. In place if the rows are in memory; in a buffer, then copied, if the
+    /// budget has room for one; else in place in the mapped file, or in the thread's own mapped file if no rows are
+    /// kept.
     fn rows(
         &self,
         thread: usize,
@@ -303,7 +304,7 @@ impl Running<'_, '_> {
         })
     }
 
-    /// Computes a row and hands it on.
+    /// Computes a row and passes it on.
     fn row(&self, row: usize, landmark: u32, memory: &mut ThreadMemory<'_>, front: &mut Front) -> Result<JournalEntry> {
         let (sink, ThreadMemory { scratch, cached }) = (self.sink, memory);
         let distances = match scratch {
@@ -317,7 +318,7 @@ impl Running<'_, '_> {
                     front.full(self.job.graph, landmark, &mut slot, &self.context.run.cancel)?;
                     return sink.close(row, landmark, &slot, || Ok(()));
                 }
-                // Nothing else has rows in place but a file.
+                // Without a buffer, rows that are not in memory must be in the file.
                 let Some(mut slot) = sink.take(row) else { return Err(Error::internal("a row without a place")) };
                 self.mapped_row(&mut slot, landmark, front, cached.as_mut())?;
                 return sink.close(row, landmark, &slot, || slot.sync());

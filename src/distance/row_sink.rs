@@ -1,7 +1,7 @@
-//! Where finished rows go: into a file, entered in its journal; into memory; or to a visitor that sees each row once.
+//! Where finished rows go: to a file, with an entry in its journal; to memory; or to a visitor that sees each row once.
 //!
-//! No row is held here but while it is handed on. Cost: a copy of the row where it goes to a file, the sums
-//! ([`RowFacts::of`]), and what the visitor does with it.
+//! A row is held only while it is passed on. Cost: a copy of the row if it goes to a file, the sums ([`RowFacts::of`]),
+//! and the visitor's work.
 
 use super::journal::{JobSpec, Journal, JournalEntry, RowFacts, checksum};
 use super::sampler::FinishedRows;
@@ -11,13 +11,13 @@ use crate::store::MappedSliceMut;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard};
 
-/// A finished row, as a visitor sees it.
+/// A finished row, as passed to a visitor.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct VisitedRow<'a> {
     /// Its number.
     pub number: usize,
-    /// The landmarks of all rows before it (`number`).
+    /// The landmarks of all earlier rows (`number`).
     pub earlier: &'a [u32],
     /// Distances of all nodes from its landmark (n), infinite where not reached.
     pub distances: &'a [f32],
@@ -26,21 +26,21 @@ pub struct VisitedRow<'a> {
 /// Sees each finished row once, on any thread and in any order.
 pub type RowVisitor<'a> = &'a (dyn Fn(VisitedRow<'_>) -> Result<()> + Sync);
 
-/// Where rows go.
+/// The destination of rows.
 pub(super) enum Target<'a> {
-    /// Into a file; row k of all is slot k / of.
+    /// To a file; row k of all is slot k / of.
     File { rows: Vec<Mutex<MappedSliceMut<f32>>>, journal: Option<Journal>, path: std::path::PathBuf },
-    /// Into memory, in the same places.
+    /// To memory, in the same slots.
     Memory(Vec<Mutex<&'a mut [f32]>>),
     /// To a visitor.
     Visitor(RowVisitor<'a>),
 }
 
-/// Rows while they are computed.
+/// Rows being computed.
 pub(super) struct RowSink<'a> {
     pub spec: &'a JobSpec,
     pub target: Target<'a>,
-    /// Rows taken over from an earlier run.
+    /// Rows reused from an earlier run.
     pub done: BTreeMap<usize, JournalEntry>,
     /// Landmarks found so far.
     found: Mutex<Vec<u32>>,
@@ -55,31 +55,32 @@ impl<'a> RowSink<'a> {
         lock(&self.found)
     }
 
-    /// Whether the search for landmarks may use the place of the last row, which is computed when all landmarks are
-    /// known: where rows lie in a file, all of them are wanted, there are several, and none is there yet.
+    /// Whether the search for landmarks may use the space of the last row as its field, since that row is computed only
+    /// when all landmarks are known. Requires that rows go to a file, that all of them are wanted, that there are
+    /// several, and that none is done yet.
     pub fn lends_last(&self) -> bool {
         let in_file = matches!(&self.target, Target::File { journal: None, .. });
         in_file && self.spec.of == 1 && self.spec.rows > 1 && self.done.is_empty()
     }
 
-    /// Enters the landmark of the next row.
+    /// Records the landmark of the next row.
     pub fn enter(&self, landmark: u32) {
         self.found().push(landmark);
     }
 
-    /// The place of a row that is held in memory.
+    /// The slot of a row in memory.
     pub fn held(&self, row: usize) -> Option<MutexGuard<'_, &'a mut [f32]>> {
         let Target::Memory(rows) = &self.target else { return None };
         Some(lock(rows.get(row / self.spec.of)?))
     }
 
-    /// The mapping of a row of a file.
+    /// The mapping of a row in a file.
     pub fn take(&self, row: usize) -> Option<MutexGuard<'_, MappedSliceMut<f32>>> {
         let Target::File { rows, .. } = &self.target else { return None };
         Some(lock(rows.get(row / self.spec.of)?))
     }
 
-    /// Hands on a row that was computed elsewhere.
+    /// Passes on a row that was computed elsewhere.
     pub fn put(&self, row: usize, landmark: u32, distances: &[f32]) -> Result<JournalEntry> {
         match &self.target {
             Target::File { path, .. } => {
@@ -100,7 +101,7 @@ impl<'a> RowSink<'a> {
         }
     }
 
-    /// Sums up a row that was written; where there is a journal, brings it to the disk by `sync` and enters it.
+    /// Sums up a row that was written; if there is a journal, syncs the row with `sync` and records it.
     pub fn close(
         &self,
         row: usize,

@@ -1,11 +1,11 @@
-//! The rows of `[A B]`: one front per landmark, written into a mapped file, or shown to a visitor that needs
-//! each once ([`DistanceRows::pass`]).
+//! The rows of `[A B]`: one front per landmark, written to a mapped file, or passed to a visitor that needs each only
+//! once ([`DistanceRows::pass`]).
 //!
-//! How they are computed is in [`super::row_job`], by several processes in [`super::shard`].
+//! [`super::row_job`] computes them, [`super::shard`] with several processes.
 //!
 //! *Distances* are stored, not affinities: σ, kernel and K can change without a new front. A row is a slice of the
-//! mapped array, so the kernel may write it back and reclaim it at any time: allocated are only the fronts' queues.
-//! Cost: a row is 14–20 ns per face and thread on scans, 4 bytes per face on disk.
+//! mapped array, so the kernel may write it back and reclaim it at any time: only the fronts' queues are allocated.
+//! Cost: a row takes 14–20 ns per face and thread on scans, 4 bytes per face on disk.
 
 use super::journal::{JobSpec, JournalEntry, RowFacts};
 use super::row_job::RowJob;
@@ -23,7 +23,7 @@ use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// The sampled rows of the distance matrix: l × n, and who the landmarks are.
+/// The sampled rows of the distance matrix, l × n, and their landmarks.
 #[derive(Clone, Debug)]
 pub struct DistanceRows {
     /// Landmark nodes (l).
@@ -59,18 +59,18 @@ fn mean(facts: &[RowFacts]) -> f64 {
     sum / (count.max(1)) as f64
 }
 
-/// What the manifest keeps of the stage.
+/// What the manifest records of the stage.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Facts {
     rows: Vec<RowFacts>,
 }
 
-/// What to sample.
+/// How many landmarks to sample, and how.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct RowParams<S> {
     /// Number of landmarks wanted; capped at the number of nodes.
     pub l: usize,
-    /// How they are chosen; as it is written, it is part of the key.
+    /// How they are chosen; its serialised form is part of the key.
     pub sampling: S,
 }
 
@@ -81,7 +81,7 @@ impl<S> RowParams<S> {
     }
 }
 
-/// The journal of rows under way.
+/// The journal of rows in progress.
 const JOURNAL: &str = "rows.journal";
 /// The file of the rows.
 pub(crate) const ROWS: &str = "distances.npy";
@@ -89,7 +89,7 @@ pub(crate) const ROWS: &str = "distances.npy";
 pub(super) const LANDMARKS: &str = "landmarks.npy";
 const FILES: [&str; 2] = [LANDMARKS, ROWS];
 
-/// What rows of `params` over `nodes` nodes, weighted under the key `weights`, are of: one shard of one.
+/// The description of the rows of `params` over `nodes` nodes with weights of the key `weights`: a single shard.
 pub(super) fn job_spec(weights: &str, nodes: usize, params: &RowParams<impl Serialize>, run: &Run) -> JobSpec {
     let options = json!({"weights": weights, "params": params, "seed": run.seed});
     let StageKey { key, inputs: options, .. } = StageKey::of::<RowsStage<'_>>(options);
@@ -124,23 +124,23 @@ impl Stage for RowsStage<'_> {
         Some(("rows", self.0.spec.rows as u64))
     }
 
-    /// The field of the search, the graph once more for fronts, and a row per thread. Where nobody keeps rows, a thread
-    /// without memory for one has a file for it. Where rows are kept in a temporary directory, a field without memory
-    /// lies where the last of them will.
+    /// The field of the search, the triangle adjacency for fronts, and a row per thread. If rows are not kept, a thread
+    /// without memory for one uses a file. If rows are kept in a temporary directory, a field without memory uses the
+    /// place of the last row.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let (n, l, t) = (extent.faces, extent.landmarks, extent.threads);
-        // Rows that are kept come first, and are computed where they lie if that is in memory.
+        // Kept rows are reserved first, and computed in place if they are in memory.
         let rows = if extent.keeps_rows && are_held(4 * l * n, room.total()) { room.lend(ROWS, 4 * l * n) } else { 0 };
         let field = room.take(4 * n);
         let triangles = room.spare(24 * n);
         let own: u64 = if rows > 0 { room.spare(4 * n) } else { (0..t).map(|_| room.spare(4 * n)).sum() };
-        // Fronts over a graph larger than memory have blocks of it: at the most three quarters of what is left.
+        // Fronts over a graph larger than memory cache blocks of it: at most three quarters of what is left.
         let blocks = if extent.paged { (room.left() / 4 * 3).min(t * (28 * n + 4096)) } else { 0 };
         let memory = room.used() + blocks;
         room.give_back(field + triangles + own);
         let (keeps, scratch) = if extent.keeps_rows { (4 * l * n - rows, 0) } else { (0, 4 * n * t - own) };
         let field = if extent.keeps_rows && rows == 0 && !extent.lasting && l > 1 { 4 * n } else { field };
-        // Weights go when rows are made of them.
+        // Weights are deleted once rows are computed from them.
         let frees = if extent.releases { 4 * extent.corners - room.give_up(WEIGHTS) } else { 0 };
         Needs { memory, keeps, passing: 4 * n - field + scratch, frees, ..Needs::default() }
             .moving(35 * l * n, 11 * l * n)
@@ -168,15 +168,16 @@ impl DistanceRows {
         mean(&self.facts)
     }
 
-    /// The key that rows of `params` over a graph of `nodes` nodes have.
+    /// The key of rows of `params` over a graph of `nodes` nodes.
     pub fn key(graph: &WeightedGraph, nodes: usize, params: RowParams<impl Serialize>, run: &Run) -> String {
         job_spec(&graph.key, nodes, &params, run).key
     }
 
-    /// Opens the finished rows of `work`, whatever their options, over the graph stage `graph` of `nodes` nodes.
+    /// Opens the finished rows of `work`, whatever their options, if they are over the graph stage `graph` of `nodes`
+    /// nodes.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where there are none, or those of another graph.
+    /// [`Error::WorkDir`] if there are none, or if they are those of another graph.
     pub fn kept(graph: &str, nodes: usize, work: &WorkDir) -> Result<Self> {
         let remedy = "make them first: stage `rows`";
         let none = || Error::work_dir(work.path(), "holds no rows", remedy);
@@ -189,7 +190,7 @@ impl DistanceRows {
         Self::open(kept.facts.rows, nodes, kept.key, work)
     }
 
-    /// Opens finished rows over `nodes` nodes, whose stage tells `facts` and has `key`.
+    /// Opens finished rows over `nodes` nodes, given the stage's `facts` and `key`.
     pub(super) fn open(facts: Vec<RowFacts>, nodes: usize, key: String, work: &WorkDir) -> Result<Self> {
         let landmarks = work.indices(LANDMARKS, facts.len(), nodes)?.to_vec();
         let distances = work.array_of(ROWS, landmarks.len() * nodes)?;
@@ -199,8 +200,8 @@ impl DistanceRows {
         Ok(Self { landmarks, distances, facts, nodes, key })
     }
 
-    /// The key of the rows over the graph in `work`, whole or not; none where they are of another graph, or of other
-    /// weights.
+    /// The key of the rows over the graph in `work`, complete or not; `None` if they belong to another graph, or to
+    /// other weights.
     pub fn kept_key(work: &WorkDir) -> Option<String> {
         let stages = work.manifest().stages;
         let [graph, weights, rows] =
@@ -217,13 +218,13 @@ impl DistanceRows {
         Ok(job_spec(&graph.key, nodes, params, run))
     }
 
-    /// Whether the rows that `spec` is a share of lie in `work` as a whole.
+    /// Whether all rows, of which `spec` describes a share, are finished in `work`.
     pub(super) fn is_done(spec: &JobSpec, work: &WorkDir) -> bool {
         let (name, version) = (RowsStage::<'_>::NAME, RowsStage::<'_>::VERSION);
         work.reuse::<Facts>(name, version, &spec.key).is_ok()
     }
 
-    /// The finished rows of `work`, where there are any, whatever their options.
+    /// The finished rows of `work`, if there are any, whatever their options.
     pub(super) fn whole(work: &WorkDir) -> Option<Self> {
         let kept = work.kept::<RowsStage<'_>>("").ok()?;
         let distances: MappedSlice<f32> = work.open_array(ROWS).ok()?;
@@ -231,7 +232,7 @@ impl DistanceRows {
         Self::open(kept.facts.rows, nodes, kept.key, work).ok()
     }
 
-    /// Computes the rows in `work`, or opens them where that was done.
+    /// Computes the rows in `work`, or opens them if they were computed before.
     ///
     /// # Errors
     /// [`Error::Parameter`] for l = 0, [`Error::Io`], [`Error::Cancelled`].
@@ -267,14 +268,13 @@ impl DistanceRows {
         let spec = Self::spec(graph, n, &params, context.run)?;
         let job = RowJob { weighted: graph, graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
         let rows = context.stage(RowsStage(job))?;
-        // Left by this run, or by one that was killed right after its stamp.
+        // Left by this run, or by one that was killed right after recording the stage.
         context.work.remove(JOURNAL);
         Ok(rows)
     }
 
-    /// Computes rows that nobody keeps: `visitor` sees each once, on any thread and in any order. Landmarks and sums as
-    /// [`DistanceRows::build`] has them. Progress is told as stage `rows`; nothing is stamped.
-    ///
+    /// Computes rows without keeping them: `visitor` sees each once, on any thread and in any order. Landmarks and sums
+    /// are those of [`DistanceRows::build`]. Progress is reported as stage `rows`; nothing is recorded in the manifest.
     /// # Errors
     /// As [`DistanceRows::build`], and those of `visitor`.
     pub fn pass(
@@ -305,7 +305,7 @@ impl DistanceRows {
         Ok(Self { landmarks, distances, facts, nodes: spec.nodes, key: spec.key.clone() })
     }
 
-    /// Gives up the rows in a temporary `work`, where nothing will read them again: 4 l bytes a node of disk.
+    /// Deletes the rows in a temporary `work`, once nothing will read them again: 4 l bytes of disk per node.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -314,7 +314,7 @@ impl DistanceRows {
         work.release(RowsStage::NAME, &FILES)
     }
 
-    /// Stamps the stage as finished.
+    /// Records the stage as finished.
     pub(super) fn stamp(&self, spec: &JobSpec, seconds: f64, work: &WorkDir) -> Result<()> {
         let facts = Facts { rows: self.facts.clone() };
         work.stamp(StageKey::of::<RowsStage<'_>>(spec.options.clone()), &FILES, &facts, seconds)?;

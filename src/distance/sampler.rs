@@ -1,11 +1,11 @@
-//! What rows need to know of landmarks: who chooses them, and where the choice gets its distances from.
+//! The interface between rows and landmarks: who chooses the landmarks, and how the choice gets its distances.
 //!
-//! Rows are computed for landmarks while these are still searched for. So the search is handed to the row job as a
-//! [`Sampler`]; the samplings themselves live a layer above, in [`crate::landmarks`]. A sampler asks a [`Space`] for
-//! distances; [`GraphSpace`] answers by fronts over a graph and counts them in *full fronts*: visits divided by
-//! nodes, so that a pruned front counts for the part of the surface that it covers.
+//! Rows are computed while the search for landmarks is still running. So the search is passed to the row job as a
+//! [`Sampler`]; the samplings themselves are a layer above, in [`crate::landmarks`]. A sampler queries a [`Space`] for
+//! distances; [`GraphSpace`] computes them by fronts over a graph and measures their cost in *full fronts*: visits
+//! divided by nodes, so that a pruned front counts for the part of the surface that it covers.
 //!
-//! Memory: the search field, 4 bytes a node in a mapped file, and what the sampler keeps.
+//! Memory: the search field, 4 bytes per node in a mapped file, and the state of the sampler.
 
 use super::front::Front;
 use crate::base::{Error, Result};
@@ -17,12 +17,12 @@ use crate::store::mapped::Access;
 use std::cell::Cell;
 use std::rc::Rc;
 
-/// Where landmarks go as soon as they are known: the node, and its row where the search has it at hand.
+/// Receives landmarks as soon as they are found: the node, and its row if the search happens to have it.
 pub type Found<'a> = dyn FnMut(u32, Option<&[f32]>) -> Result<()> + 'a;
 
 /// A method of choosing landmarks.
 pub trait Sampler: Sync {
-    /// Sends `l` distinct nodes of `space` (l at most its size) to `found`. `field` (n) is scratch.
+    /// Sends `l` distinct nodes of `space` (at most its size) to `found`. `field` (n) is scratch.
     ///
     /// # Errors
     /// [`Error::Cancelled`], or an error of `found`.
@@ -35,12 +35,12 @@ pub trait Sampler: Sync {
         found: &mut Found<'_>,
     ) -> Result<()>;
 
-    /// Whether the search runs in length alone and not in the metric of the rows.
+    /// Whether the search uses length only, instead of the metric of the rows.
     fn needs_lengths(&self) -> bool {
         false
     }
 
-    /// Whether the search costs so much besides the rows that the user is told.
+    /// Whether the search is so expensive compared with the rows that the user is informed.
     fn is_costly(&self) -> bool {
         true
     }
@@ -63,27 +63,27 @@ pub trait Space {
     /// [`Error::Cancelled`].
     fn lower(&mut self, k: usize, node: u32, field: &mut [f32]) -> Result<()>;
 
-    /// The same by length alone.
+    /// The same by length only.
     ///
     /// # Errors
-    /// [`Error::Cancelled`]; [`Error::Parameter`] where the space has no lengths.
+    /// [`Error::Cancelled`]; [`Error::Parameter`] if the space has no lengths.
     fn lower_by_length(&mut self, node: u32, field: &mut [f32]) -> Result<()>;
 
-    /// Threads that a sampler may use besides fronts.
+    /// Number of threads that a sampler may use besides fronts.
     fn threads(&self) -> usize;
 
-    /// Tells the kernel how the space's fields will be used from now on, where that matters.
+    /// Advises the kernel how the space's fields will be used from now on, if that matters.
     fn advise(&self, field: &[f32], access: Access);
 
-    /// Landmark number `k` where an earlier run found it and computed its row.
+    /// Landmark number `k`, if an earlier run found it and computed its row.
     fn finished(&self, _k: usize) -> Option<u32> {
         None
     }
 }
 
-/// Rows that an earlier run finished: their landmarks are known, and their distances spare the search its fronts.
+/// Rows that an earlier run finished: their landmarks are known, and their distances save the search its fronts.
 pub trait FinishedRows {
-    /// The landmark of row `k`, where that row is finished.
+    /// The landmark of row `k`, if that row is finished.
     fn landmark(&self, k: usize) -> Option<u32>;
     /// Lowers `field` to the distances of the finished row `k` where those are smaller.
     fn lower(&self, k: usize, field: &mut [f32]);
@@ -96,22 +96,22 @@ impl FinishedRows for () {
     fn lower(&self, _: usize, _: &mut [f32]) {}
 }
 
-/// A count of visits, readable while a sampler holds the space.
+/// A shared count of visits, readable while a sampler holds the space.
 pub type VisitCount = Rc<Cell<u64>>;
 
-/// What a space without lengths answers to [`Space::lower_by_length`].
+/// The error of [`Space::lower_by_length`] for a space without lengths.
 pub(crate) fn no_lengths() -> Error {
     Error::parameter("sampling", "this space has no lengths", "choose another sampling")
 }
 
-/// What landmarks are searched on.
+/// The graph on which landmarks are searched.
 #[derive(Clone, Copy, Debug)]
 pub struct SearchGraph<'a> {
-    /// The graph that rows run over.
+    /// The graph over which rows are computed.
     pub graph: Csr<'a>,
     /// Geometry of its nodes (n).
     pub nodes: NodeView<'a>,
-    /// The same graph weighted by length alone, for samplers that need it ([`fill_lengths`]).
+    /// The same graph weighted by length only, for samplers that need it ([`fill_lengths`]).
     pub lengths: Option<Csr<'a>>,
 }
 
@@ -126,7 +126,7 @@ pub struct GraphSpace<'a> {
 }
 
 impl<'a> GraphSpace<'a> {
-    /// A space over `search`, for whose graph `front` is one; rows in `finished` are taken over.
+    /// A space over `search` with `front`, a front for its graph; `finished` rows are reused.
     pub fn new(
         search: SearchGraph<'a>,
         front: &'a mut Front,
@@ -137,13 +137,13 @@ impl<'a> GraphSpace<'a> {
         Self { search, finished, front, length_front, visits: VisitCount::default(), run }
     }
 
-    /// The count of visits so far; n of them are a front.
+    /// The count of visits so far; n of them are one full front.
     pub fn visits(&self) -> VisitCount {
         self.visits.clone()
     }
 
-    /// Sends up to `l` distinct landmarks of `sampler` to `found` (fewer only where there are fewer nodes), and returns
-    /// what the search cost in full fronts. `field` (n) is scratch. Landmarks are the same whatever rows are finished.
+    /// Sends up to `l` distinct landmarks of `sampler` to `found` (fewer only if there are fewer nodes), and returns
+    /// the cost of the search in full fronts. `field` (n) is scratch. Finished rows do not change the landmarks.
     ///
     /// # Errors
     /// [`Error::Cancelled`], or an error of `found`.
@@ -202,7 +202,7 @@ impl Space for GraphSpace<'_> {
     }
 }
 
-/// Fills `out` (nnz) with the distances between the centroids of neighbours: `graph` weighted by length alone.
+/// Fills `out` (nnz) with the distances between the centroids of neighbours: `graph` weighted by length only.
 ///
 /// # Errors
 /// [`Error::Cancelled`].

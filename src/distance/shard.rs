@@ -1,15 +1,16 @@
 //! Rows by several processes, on one machine or on several that share a folder.
 //!
-//! Shard i of n computes the rows k with k mod n = i into a file of its own, with a journal of its own; the search
-//! for landmarks is deterministic and cheap beside the rows (2–5 fronts), so each shard makes it alone. [`merge`]
-//! puts the rows together into the file that one process would have written, byte for byte, and stamps the
-//! stage under the same key, so that every later command reuses it.
+//! Shard i of n computes the rows k with k mod n = i into its own file with its own journal; the search for landmarks
+//! is deterministic and cheap compared with the rows (2–5 fronts), so each shard repeats it. [`merge`] combines the
+//! rows into the file that a single process would have written, byte for byte, and records the stage under the same
+//! key, so that every later command reuses it.
 //!
-//! Both may be repeated at any time: a shard that is done, or merged already, is found so, and so is a merge.
+//! Both may be repeated at any time: a shard that is finished or already merged is recognised, and so is a finished
+//! merge.
 //!
-//! Cost: a shard searches landmarks like a whole run, and computes its part of the rows in the memory that
-//! [`super::row_job`] takes. Merging reads and writes 4 bytes per row and face once, through mappings; the disk holds
-//! the rows twice until it ends.
+//! Cost: a shard searches landmarks like a whole run, and computes its part of the rows with the memory stated in
+//! [`super::row_job`]. Merging reads and writes 4 bytes per row and face once, through mappings; until it ends, the
+//! disk holds the rows twice.
 
 use super::journal::{JobSpec, Journal, JournalEntry, checksum};
 use super::row_job::RowJob;
@@ -25,12 +26,12 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// The name of a shard's files, without ending.
+/// The name of a shard's files, without extension.
 fn stem(shard: usize, of: usize) -> String {
     format!("rows-{shard}-of-{of}")
 }
 
-/// Computes shard `shard` of `of` in `work`, or finds it done, alone or merged; how many rows it has.
+/// Computes shard `shard` of `of` in `work`, or finds it finished, alone or merged; returns its number of rows.
 ///
 /// # Errors
 /// [`Error::Parameter`] for a shard that does not exist, [`Error::Io`], [`Error::Cancelled`].
@@ -60,8 +61,8 @@ pub fn compute(
         context.run.progress.note_of_work(&format!("rows: shard {shard}/{of} is done already"));
         return Ok(wanted);
     }
-    // Of other options: where a run is killed when its journal is whole and its file has no name yet, the next one
-    // would take this for it.
+    // A file of other options must go: if a run is killed after its journal is complete and before its file is renamed,
+    // the next one would mistake this file for its own.
     context.work.remove(&array);
     let job = RowJob { weighted: graph, graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
     context
@@ -77,11 +78,11 @@ struct Shard {
     rows: MappedSlice<f32>,
 }
 
-/// Puts the shards in `work` together and removes their files. Every row's checksum is tested on the way. Where there
-/// are none, but rows, those are what an earlier call made.
+/// Merges the shards in `work` and removes their files. Every row's checksum is verified. If there are no shards but
+/// finished rows, those of an earlier call are returned.
 ///
 /// # Errors
-/// [`Error::WorkDir`] where shards are missing, unfinished, damaged, or of different options; [`Error::Io`].
+/// [`Error::WorkDir`] if shards are missing, unfinished, damaged, or of different options; [`Error::Io`].
 pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     let shards = match find(context.work) {
         Ok(shards) => shards,
@@ -114,8 +115,8 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     };
     let (rows, seconds) = context.run.stage("merge", "rows", spec.rows as u64, make)?;
     rows.stamp(&spec, seconds, context.work)?;
-    // Those that were merged go whether or not their journals can be read once more; those of another division of the
-    // same rows are not needed any more either.
+    // Merged shards are removed even if their journals cannot be read again, and so are those of another division of
+    // the same rows.
     let read = journals(context.work)?.into_iter().filter_map(|path| Journal::read(&path));
     let others = read.map(|(one, _)| one).filter(|one| one.key == spec.key);
     for one in shards.into_iter().map(|shard| shard.spec).chain(others) {
@@ -126,7 +127,7 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     Ok(rows)
 }
 
-/// Whether shards, or beginnings of some, are in `work`.
+/// Whether `work` has shards, complete or not.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -150,11 +151,11 @@ fn journals(work: &WorkDir) -> Result<Vec<PathBuf>> {
     Ok(entries.flatten().map(|entry| entry.path()).filter(of_shard).collect())
 }
 
-/// The shards in `work`, all there and of the same rows.
+/// The shards in `work`, complete and of the same rows.
 fn find(work: &WorkDir) -> Result<Vec<Shard>> {
     let mut found: Vec<(JobSpec, BTreeMap<usize, JournalEntry>)> =
         journals(work)?.iter().filter_map(|path| Journal::read(path)).collect();
-    // Two divisions may have begun here: the one that has more finished rows counts.
+    // There may be two unfinished divisions: the one with more finished rows counts.
     let rows =
         |of: usize| found.iter().filter(|(spec, _)| spec.of == of).map(|(_, entries)| entries.len()).sum::<usize>();
     let division = found.iter().map(|(spec, _)| spec.of).max_by_key(|&of| (rows(of), of));

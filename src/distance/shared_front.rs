@@ -1,22 +1,22 @@
-//! A front from many sources in shares, which several processes compute over one work directory.
+//! A front from many sources, divided into shares that several processes compute over one work directory.
 //!
-//! A share is a range of node numbers: nodes that are near in number are near on the surface. A share also depends on
-//! nodes outside of it, and which ones is found out as follows. All nodes outside start at distance 0, as if an unknown
-//! source were there: no true distance is less. A front from there and from the share's own sources labels each node by
-//! one of its own sources, or by the place where it was entered from outside. Where an own source is strictly nearer,
+//! A share is a range of node numbers: nodes close in number are close on the surface. A share also depends on nodes
+//! outside it, and which ones is determined as follows. All nodes outside start at distance 0, as if an unknown source
+//! were there: no true distance is less. A front from there and from the share's own sources labels each node with one
+//! of its own sources, or with the place where the path entered from outside. If an own source is strictly nearer,
 //! distance and label are those of one front over everything, ties included, because no path through the outside is
-//! shorter. The places that were entered from outside are then added to the region, and what they had labelled is
-//! labelled again, until they label no node of the share. Nodes that neither a source nor the outside reaches are out
-//! of reach. A place is a run of about as many nodes as a source has on average. In a mesh whose faces are in rows such
-//! a run is a piece of one row, so each round takes twice as many runs on both sides.
+//! shorter. The places where paths entered are then added to the region, and the nodes labelled by them are labelled
+//! again, until none of them labels a node of the share. Nodes that neither a source nor the outside reaches are
+//! unreachable. A place is a run of about as many nodes as a source has on average. If the faces of a mesh are ordered
+//! in rows, such a run is a piece of one row, so each round adds twice as many layers of adjacent runs.
 //!
-//! A share is an array with its checksum in a file beside it; both are written under temporary names and renamed. The
-//! process that goes on uses a division that is whole, in any number of shares, or else runs the front itself: the
+//! A share is an array with its checksum in a separate file; both are written under temporary names and renamed. The
+//! process that continues uses any complete division, whatever its number of shares, or else runs the front itself: the
 //! result is the same to the bit (tested).
 //!
-//! Cost: the share's part of the front, and that of a rim about three times as wide as the region of a source. In
-//! files, 8 bytes per node of the *whole* graph while it runs, of which only the region's are touched; 8 bytes per
-//! node of the share are kept.
+//! Cost: the share's part of the front, plus that of a rim about three times as wide as the region of a source. On
+//! disk, 8 bytes per node of the *whole* graph while it runs, of which only those of the region are touched; 8 bytes
+//! per node of the share are kept.
 
 use super::block_front::{Initial, Message, VisitedPieces};
 use super::voronoi::{self, BlockDijkstra};
@@ -30,44 +30,44 @@ use serde_json::json;
 use std::ops::Range;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Version of what a share holds.
+/// Version of the content of a share.
 const VERSION: u32 = 2;
-/// Runs of nodes, at the least and at the most.
+/// Minimum and maximum length of a run of nodes.
 const GRAINS: [usize; 2] = [64, 1 << 16];
 
 /// A front from many sources that processes can share out.
 #[derive(Clone, Copy, Debug)]
 pub struct SharedFront<'a> {
-    /// Name of its files, without ending.
+    /// Name of its files, without extension.
     pub name: &'a str,
-    /// The stage that progress is told for.
+    /// The stage for which progress is reported.
     pub stage: &'a str,
-    /// The graph, whose steps are as long in both directions.
+    /// The graph; its weights must be symmetric.
     pub graph: Csr<'a>,
     /// The key of the stage that made the graph.
     pub key: &'a str,
     /// The sources, at least one.
     pub sources: &'a [u32],
-    /// Their labels; without these, the label of a source is its number.
+    /// Their labels; by default the label of a source is its index.
     pub labels: Option<&'a [u32]>,
     /// Nodes at this distance or beyond are not visited.
     pub limit: f32,
 }
 
-/// The labels of nodes that a front does not enter, at distance 0; the sources are among them.
+/// The labels of nodes that a front does not enter, which are at distance 0; the sources are among them.
 pub type Fixed<'a> = dyn Fn(usize) -> Option<u32> + Sync + 'a;
 
 /// All shares of a front.
 #[derive(Debug)]
 pub struct Shares {
-    /// The first node of each share, and the number of nodes.
+    /// The first node of each share, followed by the number of nodes.
     bounds: Vec<usize>,
-    /// Of each share the labels, then the bits of the distances.
+    /// For each share its labels, then the bits of its distances.
     shares: Vec<MappedSlice<u32>>,
 }
 
 impl Shares {
-    /// The distance of `node`; infinite where the front did not come.
+    /// The distance of `node`; infinite if the front did not reach it.
     pub fn distance(&self, node: usize) -> f32 {
         let shard = self.bounds.partition_point(|first| *first <= node) - 1;
         let share = &self.shares[shard];
@@ -83,7 +83,7 @@ impl Shares {
     }
 }
 
-/// What is written beside a share when it is whole.
+/// Written beside a complete share.
 #[derive(Debug, Serialize, Deserialize)]
 struct ShareRecord {
     front: String,
@@ -91,7 +91,7 @@ struct ShareRecord {
 }
 
 impl SharedFront<'_> {
-    /// Nodes in a run that comes into a region as a whole: a power of two, for quick division.
+    /// Number of nodes in a run, which is added to a region as a whole: a power of two, for fast division.
     fn grain(&self) -> usize {
         self.graph.len().div_ceil(self.sources.len().clamp(GRAINS[0], GRAINS[1])).next_power_of_two()
     }
@@ -107,7 +107,7 @@ impl SharedFront<'_> {
         bound(shard)..bound(shard + 1)
     }
 
-    /// What identifies the front, in whatever shares.
+    /// A hash that identifies the front, independent of the division.
     fn identity(&self) -> String {
         let hash = |numbers: &[u32]| format!("{:016x}", xxh3_64(bytemuck::cast_slice(numbers)));
         let (sources, labels, limit) = (hash(self.sources), self.labels.map(hash), self.limit.to_bits());
@@ -115,7 +115,7 @@ impl SharedFront<'_> {
         key_of("shared front", VERSION, &inputs)
     }
 
-    /// What [`voronoi::nearest_source`] gives: from the shares in the work directory, where those of a division are all
+    /// The result of [`voronoi::nearest_source`]: from the shares in the work directory if a division is complete
     /// there, else by running the front. The shares are removed.
     ///
     /// # Errors
@@ -171,7 +171,7 @@ impl SharedFront<'_> {
         self.discard(context.work)
     }
 
-    /// All shares of a division, where there is one that is whole.
+    /// All shares of a division, if one is complete.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -184,7 +184,7 @@ impl SharedFront<'_> {
         Ok(self.divisions(work)?.into_iter().find_map(whole))
     }
 
-    /// The same, and progress is told.
+    /// The same, with a progress report.
     fn found(&self, context: Context<'_>) -> Result<Option<Shares>> {
         let Context { work, run } = context;
         let found = self.shares(work)?;
@@ -207,7 +207,7 @@ impl SharedFront<'_> {
         Ok(())
     }
 
-    /// Into how many shares the front was divided, as far as files tell.
+    /// The numbers of shares of the divisions for which there are files.
     fn divisions(&self, work: &WorkDir) -> Result<Vec<usize>> {
         if work.is_temporary() {
             return Ok(Vec::new());
@@ -226,12 +226,12 @@ impl SharedFront<'_> {
         Ok(found)
     }
 
-    /// The name of a share's files, without ending.
+    /// The name of a share's files, without extension.
     fn stem(&self, shard: usize, of: usize) -> String {
         format!("{}-{shard}-of-{of}", self.name)
     }
 
-    /// A share that is finished and of this front: labels of its nodes, then the bits of their distances.
+    /// A finished share of this front: labels of its nodes, then the bits of their distances.
     fn finished(&self, shard: usize, of: usize, work: &WorkDir) -> Option<MappedSlice<u32>> {
         let (stem, own) = (self.stem(shard, of), self.own(shard, of));
         let record: ShareRecord = work.read_json(&format!("{stem}.json")).ok()?;
@@ -246,8 +246,8 @@ impl SharedFront<'_> {
         share[..own.len()].iter().all(known).then_some(share)
     }
 
-    /// Computes share `shard` of `of`, or finds it done; how many nodes it has.
-    /// The front does not enter what is `fixed`.
+    /// Computes share `shard` of `of`, or finds it finished; returns its number of nodes. The front does not enter
+    /// nodes that are `fixed`.
     ///
     /// # Errors
     /// [`Error::Parameter`] for a share that does not exist, [`Error::Io`], [`Error::Cancelled`].
@@ -267,13 +267,13 @@ impl SharedFront<'_> {
             let names = ["distances.tmp", "labels.tmp"].map(|end| format!("{stem}.{end}"));
             let mut share = work.array::<u32>(&format!("{stem}.npy"), &[2, own.len()])?;
             {
-                // Zero outside of the region: nearer than any path, and of the unknown source.
+                // Zero outside the region: nearer than any path, from the unknown source.
                 let mut field = work.array::<f32>(&names[0], &[n])?;
                 let mut label = work.array::<u32>(&names[1], &[n])?;
                 self.compute(own.clone(), fixed, (field.data(), label.data()), run)?;
                 let (labels, distances) = share.data().split_at_mut(own.len());
                 let first = self.grains() as u32;
-                // What the front does not reach has no label.
+                // Nodes that the front does not reach have no label.
                 let known = |label: &u32| if *label == u32::MAX { *label } else { label.wrapping_sub(first) };
                 labels.iter_mut().zip(&label.data()[own.clone()]).for_each(|(to, label)| *to = known(label));
                 distances.iter_mut().zip(&field.data()[own.clone()]).for_each(|(to, d)| *to = d.to_bits());
@@ -286,8 +286,8 @@ impl SharedFront<'_> {
         Ok(own.len())
     }
 
-    /// The front as far as the nodes `own` need it. Both arrays (n) are 0 before. Then the labels of sources have the
-    /// number of grains added; that of the unknown source is the grain that it came from.
+    /// Runs the front as far as the nodes `own` need it. Both arrays (n) must be 0. Afterwards, labels of sources are
+    /// offset by the number of grains; a smaller label is the grain where the path entered from outside.
     fn compute(
         &self,
         own: Range<usize>,
@@ -299,12 +299,12 @@ impl SharedFront<'_> {
         let mut inside = vec![false; grains as usize];
         inside[own.start / grain..own.end.div_ceil(grain)].fill(true);
         let front = BlockDijkstra::within_budget(self.graph, run);
-        // Clears the nodes inside that a source of theirs has not reached; which grains have some.
+        // Clears the nodes inside that no known source has labelled; returns which grains have some.
         let clear = |inside: &[bool], field: &mut [f32], label: &mut [u32]| {
             let clear = |k: usize, field: &mut [f32], label: &mut [u32], (): &mut ()| {
                 let mut any = false;
                 if !inside[k] {
-                    // Not to be touched: there are no pages yet.
+                    // Left untouched: these pages do not exist yet.
                     return Ok(any);
                 }
                 for (node, (d, label)) in (k * grain..).zip(field.iter_mut().zip(label)) {
@@ -336,7 +336,8 @@ impl SharedFront<'_> {
             layers *= 2;
         }
         if stale {
-            // Once more over the final distances, as in `BlockDijkstra::nearest_source`: no known label was too large.
+            // Labels once more over the final distances, as in `BlockDijkstra::nearest_source`: no known label was too
+            // large.
             let relabel = |k: usize, label: &mut [u32], (): &mut ()| {
                 if inside[k] {
                     let own = |node: usize| fixed(node).map_or(u32::MAX, |own| own + grains);
@@ -351,7 +352,7 @@ impl SharedFront<'_> {
         Ok(())
     }
 
-    /// Takes the grains beside those of `rim` into the region; which these are.
+    /// Adds the grains adjacent to those of `rim` to the region; returns the new ones.
     fn around(&self, rim: &[usize], inside: &mut [bool]) -> Vec<usize> {
         let grain = self.grain();
         let mut found = Vec::new();
@@ -368,8 +369,8 @@ impl SharedFront<'_> {
         found
     }
 
-    /// What comes to the nodes in the `cleared` grains inside that have no label: from sources, from
-    /// beside them, from outside.
+    /// The messages to unlabelled nodes in the `cleared` grains inside: from sources, from neighbours inside, from
+    /// outside.
     fn messages(
         &self,
         (inside, cleared): (&[bool], &[bool]),
@@ -416,7 +417,7 @@ mod tests {
     use crate::base::random::{Random, below, stream};
     use crate::graph::OwnedRowStarts;
 
-    /// A grid whose steps are few different lengths: paths tie everywhere.
+    /// A grid with few different edge lengths: paths tie everywhere.
     const WIDTH: usize = 60;
     const HEIGHT: usize = 70;
 
@@ -443,7 +444,7 @@ mod tests {
         (OwnedRowStarts::of(degrees), indices, weights)
     }
 
-    /// Computes `front` in shares, and puts them together by `take`.
+    /// Computes `front` in shares, and combines them by `take`.
     fn in_shares(front: &SharedFront<'_>, of: usize, fixed: &Fixed<'_>, take: impl FnOnce(Context<'_>)) {
         let folder = tempfile::tempdir().unwrap();
         let (work, run) = (WorkDir::open(folder.path()).unwrap(), Run::new(&()));

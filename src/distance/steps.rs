@@ -1,7 +1,7 @@
-//! The steps from a node as a front walks them, and what it fetches ahead.
+//! The edges of a node as a front iterates over them, and its prefetching.
 //!
-//! A front visits nodes in no order of memory, so it prefetches in three stages, each of which reads what the one
-//! before has fetched. Memory: none. Time: a few instructions per entry, against a cache miss of some 100 ns each.
+//! A front visits nodes in random order, so it prefetches in three stages, each of which reads what the previous one
+//! has fetched. Memory: none. Time: a few instructions per entry, against a cache miss of some 100 ns each.
 
 use super::queue::Entry;
 use crate::graph::Csr;
@@ -9,20 +9,20 @@ use crate::graph::csr::TriangleNeighbours;
 use crate::store::mapped::prefetch;
 use std::ops::Range;
 
-/// Entries ahead at which row start and distance are fetched.
+/// Entries ahead at which row start and distance are prefetched.
 pub const FAR: usize = 48;
-/// Entries ahead at which neighbours and weights are fetched.
+/// Entries ahead at which neighbours and weights are prefetched.
 pub const MID: usize = 32;
-/// Entries ahead at which the neighbours' distances are fetched.
+/// Entries ahead at which the neighbours' distances are prefetched.
 pub const NEAR: usize = 16;
 
-/// A graph as a front walks it.
+/// A graph as seen by a front.
 pub(super) trait Steps: Copy {
     /// Prefetches the row start of a node, which [`Steps::prefetch_entries`] reads.
     fn prefetch_row_start(self, node: u32);
     /// Prefetches the entries of a node's row, which [`Steps::each`] reads.
     fn prefetch_entries(self, node: u32);
-    /// The number of steps from a node, or a bound on it.
+    /// The number of edges of a node, or an upper bound.
     fn count(self, node: u32) -> usize;
     /// Calls `visit` with neighbours and weights.
     fn each(self, node: u32, visit: impl FnMut(u32, f32));
@@ -52,7 +52,7 @@ impl Steps for Csr<'_> {
     }
 }
 
-/// A graph whose row starts are plain.
+/// A graph with plain row starts.
 #[derive(Clone, Copy)]
 pub(super) struct Plain<'a> {
     pub starts: &'a [u64],
@@ -102,7 +102,7 @@ impl Steps for Packed<'_> {
     #[inline(always)]
     fn prefetch_row_start(self, node: u32) {
         prefetch(self.triangles, node as usize);
-        // A record may lie across two lines; where it does, the next one begins in the second.
+        // A record may straddle two cache lines; then the next record starts in the second.
         prefetch(self.triangles, node as usize + 1);
     }
 
@@ -132,8 +132,8 @@ impl Steps for Packed<'_> {
     }
 }
 
-/// The steps from a node that has more than three, which is rare. Kept out of the loop over records, whose
-/// values then stay in registers.
+/// The edges of a node that has more than three, which is rare. Kept out of the loop over records, whose variables then
+/// stay in registers.
 #[cold]
 #[inline(never)]
 fn many<'a>(graph: &Csr<'a>, node: u32) -> (&'a [u32], &'a [f32]) {
@@ -141,7 +141,7 @@ fn many<'a>(graph: &Csr<'a>, node: u32) -> (&'a [u32], &'a [f32]) {
     (&graph.indices[span.clone()], &graph.weights[span])
 }
 
-/// Fetches for the first entries of a batch what [`look_ahead`] would have fetched before them.
+/// Prefetches for the first entries of a batch what [`look_ahead`] would have prefetched earlier.
 #[inline(always)]
 pub(super) fn warm_up(batch: &[Entry], graph: impl Steps, field: &[f32]) {
     for entry in batch.iter().take(FAR) {
@@ -153,7 +153,7 @@ pub(super) fn warm_up(batch: &[Entry], graph: impl Steps, field: &[f32]) {
     }
 }
 
-/// The three steps of fetching, for the entries after the `k`-th.
+/// The three stages of prefetching, for the entries after the `k`-th.
 #[inline(always)]
 pub(super) fn look_ahead(batch: &[Entry], k: usize, graph: impl Steps, field: &[f32]) {
     if let Some(entry) = batch.get(k + FAR) {

@@ -1,18 +1,18 @@
-//! Labels that may be stale after a front from many sources, settled over the final distances.
+//! Corrects labels that may be stale after a front from many sources, using the final distances.
 //!
 //! A node's label is that of its shortest path, and the smallest one at a tie. While a front runs, a node may pass its
 //! label on and then be lowered by so little that rounding hides the change from the next node, which keeps the label
 //! of a path that is no longer shortest. This can be detected: when the lowered node passes on its new, larger label,
 //! the next node meets a tie that it has already won. Such nodes are listed and checked once distances are final. The
-//! right label is the smallest among the neighbours on shortest paths; these are nearer, so labels are corrected from
-//! the nearest node on. All other nodes have seen the last label of every such neighbour. Mostly nothing is wrong,
-//! because ties between equal paths look the same.
+//! right label is the smallest among the neighbours on shortest paths; these are nearer, so labels are corrected in
+//! order of distance. All other nodes have received the last label of every such neighbour. Usually nothing is wrong,
+//! because ties between genuinely equal paths look the same.
 //!
-//! Another front over the final distances, in which only labels move, gives the same result but doubles the
-//! time; it is used only for graphs with edges of length 0, where a neighbour on a shortest path may be as far
-//! away as the node itself.
+//! A second front over the final distances, in which only labels move, gives the same result but doubles the time. It
+//! is used only for graphs with edges of length 0, where a neighbour on a shortest path may be as far away as the node
+//! itself.
 //!
-//! Memory: 4 bytes per tie, for a sixty-fourth of the nodes at most. Time: each tie looks at its neighbours once.
+//! Memory: 4 bytes per tie, for a sixty-fourth of the nodes at most. Time: each tie checks its neighbours once.
 
 use super::paging::{Pages, rows_needed};
 use crate::base::{Cancel, Result};
@@ -21,14 +21,14 @@ use crate::graph::csr::near_ranges;
 use crate::store::mapped::{Access, advise, will_need};
 use std::collections::BTreeSet;
 
-/// Ties that are looked at between looks at the stop flag.
+/// Ties processed between checks of the stop flag.
 const LOOK: usize = 1 << 12;
 
-/// Nodes that met a tie which they had won before. Their labels may be stale: passed on by a node that was lowered
-/// since, by so little that rounding hides it here.
+/// Nodes that met a tie which they had already won. Their labels may be stale: passed on by a node that was lowered
+/// later, by so little that rounding hides it here.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Ties {
-    /// In any order, each at least once.
+    /// In any order, possibly repeated.
     nodes: Vec<u32>,
     /// Whether there are more than are listed.
     more: bool,
@@ -40,7 +40,8 @@ impl Ties {
         self.nodes.is_empty()
     }
 
-    /// Those at `nodes`, but no more than `most`; twice as many count as more than all that were listed.
+    /// The ties at `nodes`, but no more than `most`. If there are at least twice as many, the list may have been
+    /// truncated.
     pub(super) fn of(nodes: Vec<u32>, most: usize) -> Self {
         let mut all = Self::default();
         let more = nodes.len() >= 2 * most;
@@ -48,12 +49,12 @@ impl Ties {
         all
     }
 
-    /// How many are listed of a graph at the most.
+    /// Maximum number of ties listed for a graph.
     pub(super) fn most(graph: Csr<'_>) -> usize {
         graph.len() / 64 + (1 << 12)
     }
 
-    /// Takes in those of `other`, but no more than `most`.
+    /// Adds the ties of `other`, but keeps no more than `most`.
     pub(super) fn add(&mut self, mut other: Self, most: usize) {
         self.nodes.append(&mut other.nodes);
         self.more |= other.more;
@@ -65,8 +66,8 @@ impl Ties {
         }
     }
 
-    /// Settles the labels over the final distances `field` (n). Returns whether that was possible. `paged`: the
-    /// graph is larger than memory.
+    /// Corrects the labels given the final distances `field` (n). Returns whether that was possible. `paged`: the graph
+    /// is larger than memory.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -138,8 +139,8 @@ fn settle(
     Ok(true)
 }
 
-/// The smallest label among the neighbours through which `node` has its distance; `None` where one of them is
-/// as far, or there is none.
+/// The smallest label among the neighbours through which `node` has its distance; `None` if one of them is as far as
+/// the node, or if there are none.
 fn label_of_paths(graph: Csr<'_>, node: u32, field: &[f32], label: &[u32]) -> Option<u32> {
     let own = field[node as usize];
     let tight = graph.neighbours(node).filter(|&(next, weight)| field[next as usize] + weight == own);
@@ -152,7 +153,7 @@ mod tests {
     use super::*;
     use crate::graph::OwnedRowStarts;
 
-    /// What becomes of `label` on a path of nodes whose steps have these weights, with `ties` at these nodes.
+    /// The result for `label` on a path of nodes with these weights, with `ties` at these nodes.
     fn settled(steps: &[f32], field: &[f32], label: &[u32], ties: Ties) -> (bool, Vec<u32>) {
         let n = field.len();
         let beside = |i: usize| [i.checked_sub(1), (i + 1 < n).then_some(i + 1)].into_iter().flatten();

@@ -1,11 +1,11 @@
-//! Rows over the vertex graph, along edges or through triangles, from landmarks that are known.
+//! Rows over the vertex graph, along edges or through triangles, from given landmarks.
 //!
-//! Landmarks are chosen along edges whatever the rows (the search needs to know who is far, not how far). A row is a
-//! mapped slice; threads take rows in turn. Edges cost about 40 ns per vertex and row, marching ten times as much.
+//! Landmarks are chosen along edges in either case (the search needs to know which vertex is far, not how far). A row
+//! is a mapped slice; threads take rows in turn. Edges cost about 40 ns per vertex and row, marching ten times as much.
 //!
-//! In a work directory that lasts ([`open_or_build`]), each finished row is written to the disk and entered in a
-//! journal. A run that was stopped continues from the journal. Finished rows are a stage, which later runs with
-//! the same landmarks open.
+//! In a work directory that is kept ([`open_or_build`]), each finished row is synced and recorded in a journal. An
+//! interrupted run continues from the journal. Finished rows are a stage, which later runs with the same landmarks
+//! open.
 
 use super::front::mean_weight;
 use super::journal::{JobSpec, JournalEntry, ResumeState, RowFacts, checksum};
@@ -22,11 +22,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// How far apart vertices are.
+/// How distances between vertices are measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Distance {
-    /// Along edges: Dijkstra's, up to a third too long.
+    /// Along edges: Dijkstra's algorithm, up to a third too long.
     Edges,
     /// Through triangles: fast marching.
     #[default]
@@ -36,7 +36,7 @@ pub enum Distance {
 /// Chooses landmarks on a surface.
 ///
 /// # Errors
-/// [`Error::Parameter`] for none at all, [`Error::Io`], [`Error::Cancelled`].
+/// [`Error::Parameter`] if none are requested, [`Error::Io`], [`Error::Cancelled`].
 pub fn landmarks(surface: Surface<'_>, params: RowParams<impl Sampler>, context: Context<'_>) -> Result<Vec<u32>> {
     chosen(surface, &params.sampling, params.l, context)
 }
@@ -49,7 +49,7 @@ fn chosen(surface: Surface<'_>, sampler: &dyn Sampler, l: usize, context: Contex
     let mut field = context.work.array::<f32>("nearest.tmp", &[nodes.len()])?;
     let mut found = Vec::with_capacity(l);
     let mut front = Front::new(mean_weight(graph));
-    // Steps of a vertex graph are lengths.
+    // The weights of a vertex graph are lengths already.
     let search = SearchGraph { graph, nodes: nodes.into(), lengths: Some(graph) };
     let mut space = GraphSpace::new(search, &mut front, &(), context.run);
     space.sample(sampler, l, field.data(), &mut |landmark, _| {
@@ -77,8 +77,8 @@ pub fn rows(
 
 const JOURNAL: &str = "rows.journal";
 
-/// Landmarks and their rows over the graph of the stage `graph` in `work`, which lasts: those that are there, else
-/// made, going on where an earlier run was stopped.
+/// Landmarks and their rows over the graph of the stage `graph` in `work`, which is kept: opened if they exist, else
+/// computed, continuing an interrupted run.
 ///
 /// # Errors
 /// As [`landmarks`] and [`rows`].
@@ -93,7 +93,7 @@ pub fn open_or_build(
     let l = params.l.min(surface.nodes.len());
     let stage = VertexRowsStage { surface, sampler: &params.sampling, l, distance, inputs };
     let rows = context.stage(stage)?;
-    // Left by this run, or by one that ended right after its stamp.
+    // Left by this run, or by one that ended right after recording the stage.
     context.work.remove(JOURNAL);
     Ok(rows)
 }
@@ -202,7 +202,7 @@ mod tests {
         }
     }
 
-    /// What the manifest told of rows was taken as it was.
+    /// Regression: sums of rows in the manifest were not validated.
     #[test]
     fn sums_that_no_rows_have_are_refused() {
         let dir = tempfile::tempdir().unwrap();
@@ -224,7 +224,7 @@ mod tests {
         assert!(rows().unwrap_err().to_string().contains("sums of rows that no rows have"));
     }
 
-    /// There were files for as many rows as were asked for, of which the next run saw that they were too large.
+    /// Regression: files had room for as many rows as were requested, and the next run found them too large.
     #[test]
     fn more_landmarks_than_vertices_are_found_again() {
         let dir = tempfile::tempdir().unwrap();

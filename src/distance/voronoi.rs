@@ -1,20 +1,21 @@
 //! Fronts from many sources: which source is nearest to each node, and how far away it is.
 //!
-//! Over a small mesh this is one front from all sources. It moves all over the mesh at once, which is fast in caches,
-//! but hopeless where the graph is larger than memory, and occupies one thread only. So on large meshes
-//! [`BlockDijkstra`] divides the nodes into blocks. In each round, every block that has messages runs a front of its
-//! own, on all threads. A step that leaves a block becomes a message to the next block, which handles it in the same
-//! round unless it has begun. A few rounds are enough, all but the first only at the boundaries of blocks.
+//! Over a small mesh this is one front from all sources. It moves over the whole mesh at once, which is fast in caches,
+//! but hopeless if the graph is larger than memory, and it uses only one thread. So on large meshes [`BlockDijkstra`]
+//! divides the nodes into blocks. In each round, every block that has messages runs its own front, on all threads. An
+//! edge that leaves a block becomes a message to the other block, which handles it in the same round unless it has
+//! already started. A few rounds suffice, all but the first only at the boundaries of blocks.
 //!
 //! The result is the fixed point that one front reaches: the least d(v) = min fl(d(u) + w), and the smallest label at
-//! equal distances. Both are unique, so neither blocks, nor threads, nor the order of messages show in it (tested
-//! against a binary heap). Labels at ties are checked again over the final distances ([`super::ties`]).
+//! equal distances. Both are unique, so the result depends neither on blocks, nor on threads, nor on the order of
+//! messages (tested against a binary heap). Labels at ties are checked again using the final distances
+//! ([`super::ties`]).
 //!
 //! Time: in processor time, blocks cost as much as they save (default runs: 2.30 s with them and 2.32 s without over
-//! 1.3 M faces, 11.1 and 11.4 s over 10 M); from four million nodes on, their threads are a gain. Where sources are
-//! as dense as those of a contraction, blocks hardly wait for each other, and half a million nodes are enough: over
-//! 1.3 M faces two threads take 35 ms by blocks, and one takes 85. Meshes whose neighbours lie far apart in the file
-//! would send too many messages: they keep the single front, unless they are larger than memory.
+//! 1.3 M faces, 11.1 and 11.4 s over 10 M); from four million nodes on, their parallelism is a gain. If sources are as
+//! dense as those of a contraction, blocks hardly wait for each other, and half a million nodes are enough: over 1.3 M
+//! faces two threads take 35 ms by blocks, and one takes 85. Meshes whose neighbours lie far apart in the file would
+//! need too many messages: they use the single front, unless they are larger than memory.
 //!
 //! Memory: the messages, 12 bytes for every edge between blocks: a quarter byte per node or less.
 
@@ -33,31 +34,33 @@ use std::sync::Mutex;
 
 pub use super::block_front::{PIECE_NODES, VisitedPieces};
 
-/// Blocks from which on they save time: 26 of a rough mesh cost a fifth more, 150 of a smooth one save a fifth.
+/// Number of blocks from which on they save time: 26 of a rough mesh cost a fifth more, 150 of a smooth one save a
+/// fifth.
 const MANY: usize = 64;
-/// Most steps that leave a block, of [`SAMPLE`], where rounds are as quick as one front.
+/// Maximum number of edges that leave a block, out of [`SAMPLE`], for rounds to be as fast as one front.
 const FEW: usize = SAMPLE / 25;
-/// Steps that are looked at.
+/// Number of edges sampled.
 const SAMPLE: usize = 1 << 14;
-/// Nodes per source at the most where sources are dense: what is nearest to one is narrow beside a block.
+/// Maximum number of nodes per source for sources to count as dense: the region of one is then narrow compared with a
+/// block.
 const DENSE: usize = PIECE_NODES / 64;
-/// [`MANY`] where sources are dense.
+/// [`MANY`] if sources are dense.
 const MANY_IF_DENSE: usize = 8;
-/// [`FEW`] where sources are dense.
+/// [`FEW`] if sources are dense.
 const FEW_IF_DENSE: usize = SAMPLE / 10;
 
-/// Whether fronts from many sources over `graph` go by blocks: where the graph and two values a node are more than the
-/// kernel can keep in memory, and where several threads can share the blocks.
+/// Whether fronts from many sources over `graph` use blocks: if the graph and two values per node exceed what the
+/// kernel can keep in memory, or if several threads can share the blocks.
 pub fn is_by_blocks(graph: Csr<'_>, run: &Run) -> bool {
     Pages::needed(graph, 8 * graph.len(), run) || are_shared(graph, MANY, FEW, run)
 }
 
-/// Whether there are `many` blocks and several threads to share them, and `few` of [`SAMPLE`] steps leave one.
+/// Whether there are at least `many` blocks, several threads, and at most `few` of [`SAMPLE`] edges that leave a block.
 fn are_shared(graph: Csr<'_>, many: usize, few: usize, run: &Run) -> bool {
     run.threads > 1 && graph.len() >= many * PIECE_NODES && leaving(graph) <= few
 }
 
-/// How many of [`SAMPLE`] steps, evenly spread, lead from one block to another.
+/// How many of [`SAMPLE`] evenly spread edges lead from one block to another.
 fn leaving(graph: Csr<'_>) -> usize {
     let nodes = (0..SAMPLE / 3).map(|k| (k as u64 * graph.len() as u64 / (SAMPLE as u64 / 3)) as u32);
     nodes
@@ -67,18 +70,18 @@ fn leaving(graph: Csr<'_>) -> usize {
         .sum()
 }
 
-/// Dijkstra by blocks for `graph`; `None` where one front is better.
+/// Dijkstra by blocks for `graph`; `None` if a single front is better.
 fn by_blocks<'a>(graph: Csr<'a>, run: &Run) -> Option<BlockDijkstra<'a>> {
     is_by_blocks(graph, run).then(|| BlockDijkstra::within_budget(graph, run))
 }
 
-/// The same from `sources` sources: where they are dense, blocks hardly wait for each other, and fewer are a gain.
+/// The same for `sources` sources: if they are dense, blocks hardly wait for each other, and fewer of them pay off.
 fn by_blocks_from<'a>(graph: Csr<'a>, sources: usize, run: &Run) -> Option<BlockDijkstra<'a>> {
     let dense = || sources >= graph.len() / DENSE && are_shared(graph, MANY_IF_DENSE, FEW_IF_DENSE, run);
     (is_by_blocks(graph, run) || dense()).then(|| BlockDijkstra::within_budget(graph, run))
 }
 
-/// What [`Front::nearest_source`] gives, in memory or by blocks.
+/// The result of [`Front::nearest_source`], by a single front or by blocks.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -89,7 +92,7 @@ pub fn nearest_source(graph: Csr<'_>, sources: &[u32], field: &mut [f32], label:
     }
 }
 
-/// What [`Front::within`] gives, in memory or by blocks.
+/// The result of [`Front::within`], by a single front or by blocks.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -100,8 +103,8 @@ pub fn within(graph: Csr<'_>, sources: &[u32], limit: f32, field: &mut [f32], ru
     }
 }
 
-/// The same over a field (n) with any content: pieces that the front does not come near keep it. Returns which pieces
-/// were visited. So large fields in files are neither written nor read where the front does not go.
+/// The same over a field (n) with any content: pieces that the front does not reach keep it. Returns which pieces were
+/// visited. So large fields in files are neither written nor read where the front does not go.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -122,7 +125,7 @@ pub fn within_fresh(
     }
 }
 
-/// What [`Front::propagate_labels`] gives, in memory or by blocks.
+/// The result of [`Front::propagate_labels`], by a single front or by blocks.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -139,9 +142,9 @@ pub fn propagate_labels(
     }
 }
 
-/// Bytes that a processor fetches at once.
+/// Bytes of a cache line.
 const CACHE_LINE: usize = 64;
-/// Bucket width of these fronts, in mean weights.
+/// Bucket width of these fronts, relative to the mean weight.
 const BUCKET_WIDTH: f32 = 0.5;
 
 /// Dijkstra from many sources, block by block in rounds.
@@ -152,13 +155,13 @@ pub struct BlockDijkstra<'a> {
     threads: usize,
     cancel: Cancel,
     width: f32,
-    /// Whether the graph is more than the kernel can keep in memory.
+    /// Whether the graph exceeds what the kernel can keep in memory.
     paged: bool,
 }
 
 impl<'a> BlockDijkstra<'a> {
-    /// Over `graph` in blocks of `block` nodes, or of the next multiple of [`PIECE_NODES`] where
-    /// they are larger than that.
+    /// For `graph` in blocks of `block` nodes, rounded up to a multiple of [`PIECE_NODES`] if they are larger than
+    /// that.
     pub fn new(graph: Csr<'a>, block: usize, threads: usize, cancel: &Cancel) -> Self {
         let block = if block > PIECE_NODES { block.next_multiple_of(PIECE_NODES) } else { block };
         Self {
@@ -171,12 +174,13 @@ impl<'a> BlockDijkstra<'a> {
         }
     }
 
-    /// Over `graph` in blocks that suit the budget.
+    /// For `graph` in blocks that suit the budget.
     pub(super) fn within_budget(graph: Csr<'a>, run: &Run) -> Self {
-        // The boundary of a block of B nodes is some 4 √B edges; messages are held twice while they are sorted.
+        // The boundary of a block of B nodes has some 4 √B edges; messages exist twice while they are sorted.
         let bytes_for = |block: usize| 100. * graph.len() as f64 / (block as f64).sqrt();
         let mut block = PIECE_NODES;
-        // A front goes through fewer larger blocks: fewer rounds, of which each reads all that is not in memory.
+        // If paged, prefer larger blocks: a front crosses fewer of them, so there are fewer rounds, each of which reads
+        // all that is not in memory.
         let paged = Pages::needed(graph, 8 * graph.len(), run);
         if paged {
             let held = |block: usize| run.threads as u64 * block as u64 * (graph.bytes() / graph.len() as u64 + 8);
@@ -190,7 +194,7 @@ impl<'a> BlockDijkstra<'a> {
         Self { paged, ..Self::new(graph, block, run.threads, &run.cancel) }
     }
 
-    /// What [`Front::nearest_source`] gives.
+    /// The result of [`Front::nearest_source`].
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -201,14 +205,14 @@ impl<'a> BlockDijkstra<'a> {
         };
         let ties = self.propagate(seeds(), f32::INFINITY, Initial::Fresh(u32::MAX), field, label)?;
         if !ties.settle(self.graph, field, label, self.paged, &self.cancel)? {
-            // Once more over the final distances: labels alone move, and nothing can be stale.
+            // A second front over the final distances: only labels change, and none can become stale.
             label.fill(u32::MAX);
             self.propagate(seeds(), f32::INFINITY, Initial::Given, field, label)?;
         }
         Ok(())
     }
 
-    /// What [`Front::within`] gives.
+    /// The result of [`Front::within`].
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -217,7 +221,7 @@ impl<'a> BlockDijkstra<'a> {
         self.distances(sources, limit, Initial::Given, field)
     }
 
-    /// What [`within_fresh`] gives.
+    /// The result of [`within_fresh`].
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -229,16 +233,16 @@ impl<'a> BlockDijkstra<'a> {
 
     fn distances(&self, sources: &[u32], limit: f32, initial: Initial<'_, ()>, field: &mut [f32]) -> Result<()> {
         let messages = sources.iter().map(|&node| Message { node, distance: 0., label: () }).collect();
-        // Labels that take no room.
+        // Labels of size zero.
         self.propagate(messages, limit, initial, field, &mut vec![(); self.graph.len()]).map(drop)
     }
 
-    /// Nodes that one front goes over.
+    /// Number of nodes covered by one front.
     fn piece(&self) -> usize {
         self.block.min(PIECE_NODES)
     }
 
-    /// What [`Front::propagate_labels`] gives.
+    /// The result of [`Front::propagate_labels`].
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -257,8 +261,8 @@ impl<'a> BlockDijkstra<'a> {
         Ok(())
     }
 
-    /// Propagates `messages` and what follows from them, to nodes nearer than `limit`, until there are no more; whose
-    /// labels may be stale.
+    /// Propagates `messages` and their consequences, to nodes nearer than `limit`, until there are no more; returns the
+    /// nodes whose labels may be stale.
     pub(super) fn propagate<O: Label>(
         &self,
         messages: Vec<Message<O>>,
@@ -306,7 +310,7 @@ impl<'a> BlockDijkstra<'a> {
         }
     }
 
-    /// Asks the kernel to read the rows of block `k` + threads, which some thread will begin soon; at the first block,
+    /// Asks the kernel to read the rows of block `k` + threads, which some thread will start soon; at the first block,
     /// of all blocks up to that one.
     fn will_need(&self, k: usize) {
         if !self.paged {
@@ -321,8 +325,8 @@ impl<'a> BlockDijkstra<'a> {
         }
     }
 
-    /// Fetches the rows of `nodes`, all of which a front is about to visit, in the order of memory: it would wait for
-    /// each of them else. Nothing where the kernel reads them, or where they are more than a cache holds.
+    /// Prefetches the rows of `nodes`, all of which a front is about to visit, in memory order; otherwise it would wait
+    /// for each of them. Does nothing if the kernel reads them, or if they exceed the cache.
     fn fetch(&self, nodes: Range<usize>) {
         if self.paged || nodes.len() > PIECE_NODES {
             return;
@@ -333,7 +337,7 @@ impl<'a> BlockDijkstra<'a> {
         }
     }
 
-    /// Has the kernel read nothing ahead by itself, or has it do so again.
+    /// Turns the kernel's read-ahead off or on again.
     fn advise<O: Label>(&self, access: Access, field: &[f32], label: &[O]) {
         if self.paged {
             Pages::advise(self.graph, access);
@@ -344,8 +348,8 @@ impl<'a> BlockDijkstra<'a> {
         }
     }
 
-    /// Rounds of fronts inside the block of nodes whose values are given, over pieces of [`PIECE_NODES`] nodes, until
-    /// no messages are left but those to other blocks.
+    /// Rounds of fronts inside the block of nodes whose values are passed, over pieces of [`PIECE_NODES`] nodes, until
+    /// only messages to other blocks are left.
     fn rounds_within<O: Label>(
         &self,
         reach: Reach<'_, O>,
@@ -355,8 +359,8 @@ impl<'a> BlockDijkstra<'a> {
     ) -> Result<Outcome<O>> {
         let Values { first, .. } = values;
         let piece = |message: &Message<O>| (message.node as usize - first) / PIECE_NODES;
-        // The nearest of a piece first, so that a front starts where it should. Of equal distances the smaller label
-        // first: it may be from a node that was lowered afterwards, and where the larger one meets it, a tie is listed.
+        // By distance within a piece, so that a front starts at the nearest. At equal distances the smaller label
+        // first: it may come from a node that was lowered later, and when the larger label meets it, a tie is listed.
         let sort = |messages: &mut [Message<O>]| {
             messages.sort_unstable_by_key(|message| (piece(message), message.distance.to_bits(), message.label));
         };
@@ -371,7 +375,7 @@ impl<'a> BlockDijkstra<'a> {
             sort(&mut messages);
             let mut next = Vec::new();
             for group in messages.chunk_by(|a, b| piece(a) == piece(b)) {
-                // A block can be seconds of work.
+                // A block can take seconds.
                 self.cancel.check()?;
                 let start = piece(&group[0]) * PIECE_NODES;
                 let end = (start + PIECE_NODES).min(field.len());
