@@ -1,8 +1,8 @@
-//! Farthest points moved to the middle of their cells: one step of Lloyd's algorithm in the space of distances.
+//! Farthest points moved to the middle of their cells: one step of Lloyd's algorithm in the space of distance vectors.
 //!
-//! A node's place is its vector of l distances. In each cell (the nodes nearest to one landmark) the mean place is
-//! taken, and the node whose place is nearest to it becomes the landmark. Farthest points lie at tips, which
-//! represent little but themselves. Cost: l rows besides those of the result. Memory: 4 l s bytes.
+//! A node's position is its vector of l distances. In each cell (the nodes nearest to one landmark) the mean position
+//! is computed, and the node nearest to it becomes the landmark. Farthest points alone lie at tips, which are not
+//! representative of their surroundings. Cost: l rows besides those of the result. Memory: 4 l s bytes.
 
 use super::cholesky::sampled_columns;
 use super::farthest::Farthest;
@@ -37,7 +37,7 @@ impl Sampler for Centroids {
     }
 }
 
-/// A space without the rows of an earlier run: those are of the result, not of the farthest points on the way to it.
+/// Hides the rows of an earlier run: those belong to the final landmarks, not to the intermediate farthest points.
 struct Unfinished<'a>(&'a mut dyn Space);
 
 impl Space for Unfinished<'_> {
@@ -61,7 +61,7 @@ impl Space for Unfinished<'_> {
     }
 }
 
-/// For each landmark the column nearest to its cell's mean place; the landmark itself where its cell has none.
+/// For each landmark the column nearest to the mean position of its cell; the landmark itself if its cell is empty.
 fn middles(landmarks: &[u32], columns: &[u32], rows: &[Vec<f32>]) -> Vec<u32> {
     let l = rows.len();
     let cell: Vec<usize> = (0..columns.len())

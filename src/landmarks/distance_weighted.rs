@@ -1,17 +1,18 @@
-//! Landmarks at random, by area times the distance to the nearest landmark so far: between [`super::random`]
-//! and [`super::farthest`].
+//! Random landmarks, weighted by area times the distance to the nearest landmark so far: between [`super::random`] and
+//! [`super::farthest`].
 //!
 //! Farthest points sit in pockets of a folded or rough surface, since pockets are far from everything. Points drawn by
-//! area alone fall where others are already, and miss what is thin. The product draws the seeds of K-means++ (Arthur,
-//! Vassilvitskii 2007) with distances in place of their squares, which it has for k-medians. On contracted meshes two
-//! seeds agree better in their parts, and people no worse (`docs/dev/segmentation-experiments.md`).
+//! area alone may fall next to existing ones, and miss thin parts. The product is the seeding of K-means++ (Arthur,
+//! Vassilvitskii 2007) with plain instead of squared distances, its version for k-medians. On contracted meshes, the
+//! parts of two seeds agree better, and they agree no worse with those of people
+//! (`docs/dev/segmentation-experiments.md`).
 //!
-//! The draw is sequential Poisson sampling (Ohlsson 1998): each node has a number u of its own, uniform in (0, 1],
-//! and the greatest area × distance / u is next. So a small change of the mesh moves a landmark only where another
-//! node was nearly as great.
+//! The draw is sequential Poisson sampling (Ohlsson 1998): each node has a fixed number u, uniform in (0, 1], and the
+//! node with the greatest area × distance / u is next. So a small change of the mesh moves a landmark only if another
+//! node had nearly the same value.
 //!
-//! Costs what farthest points cost: 240 of them with their rows over 30,000 nodes took .20 to
-//! .22 s by either. No memory.
+//! Costs the same as farthest points: 240 of them with their rows over 30,000 nodes took .20 to .22 s with either. No
+//! memory.
 
 use super::farthest::one_by_one;
 use super::{Found, Sampler, Space};
@@ -20,7 +21,7 @@ use crate::base::random::{below, mixed, stream};
 use crate::graph::NodeView;
 use crate::store::mapped::Access;
 
-/// The sampler. `field` and `found` are those of [`super::farthest::Farthest`].
+/// The sampler. `field` and `found` are used as in [`super::farthest::Farthest`].
 pub struct DistanceWeighted;
 
 impl Sampler for DistanceWeighted {
@@ -43,8 +44,8 @@ impl Sampler for DistanceWeighted {
     }
 }
 
-/// The first node of greatest area × distance / u. What was not reached is farther than all else. Where nothing that is
-/// left has area, distance alone decides.
+/// The first node of greatest area × distance / u. Unreached nodes count as farther than all others. If no remaining
+/// node has area, distance alone decides.
 fn greatest(nodes: NodeView<'_>, field: &[f32], key: u64) -> u32 {
     let mut best = ([-1f64; 2], 0);
     nodes.each(0..nodes.len(), |i, node| {
@@ -57,7 +58,7 @@ fn greatest(nodes: NodeView<'_>, field: &[f32], key: u64) -> u32 {
     best.1 as u32
 }
 
-/// The number in (0, 1] that node `i` has in all draws under `key`.
+/// The fixed number in (0, 1] of node `i` under `key`.
 fn uniform(key: u64, i: u64) -> f64 {
     ((mixed(key ^ i) >> 11) + 1) as f64 / (1u64 << 53) as f64
 }
@@ -85,7 +86,7 @@ mod tests {
 
     #[test]
     fn the_second_landmark_is_drawn_by_area_times_distance() {
-        // Extremities are 0 and 200; of the others one third has no area.
+        // The extremities are 0 and 200; one third of the others have no area.
         let at: Vec<f32> = (0..=200).map(|i| i as f32).collect();
         let (mut near, mut all) = (0, 0);
         for seed in 0..3000 {

@@ -1,6 +1,6 @@
-//! Max–min farthest points from an extremity (§6.2).
+//! Max–min farthest points, starting from an extremity (§6.2).
 //!
-//! The field "distance to the nearest landmark so far" is lowered by a pruned front a landmark: exact, and the
+//! Each landmark lowers the field "distance to the nearest landmark so far" by a pruned front. This is exact, and the
 //! i-th costs about 1/i of a full front (50 landmarks at 1.3 M faces: 4.5 fronts).
 
 use super::{Found, Sampler, Space};
@@ -11,11 +11,11 @@ use crate::base::{Cancel, Result};
 use crate::graph::NodeView;
 use crate::store::mapped::Access;
 
-/// Rounds of "farthest from the last" before the first landmark is taken.
+/// Rounds of "farthest from the last" before the first landmark is chosen.
 pub const SEEDING_ROUNDS: usize = 2;
 
-/// The sampler. `field` ends as the distance to the nearest of all but the last landmark, and `found` sees it
-/// right after the first landmark's own full front, as that landmark's row.
+/// The sampler. At the end, `field` is the distance to the nearest of all landmarks but the last. `found` receives it
+/// right after the first landmark's full front, as that landmark's row.
 pub struct Farthest;
 
 impl Sampler for Farthest {
@@ -31,8 +31,8 @@ impl Sampler for Farthest {
     }
 }
 
-/// Landmarks that each depend on the distances from those before, which `next` looks at. The first is an extremity.
-/// `field` and `found` are those of [`Farthest`].
+/// Chooses each landmark with `next`, given the distances to the nearest landmark so far. The first is an extremity.
+/// `field` and `found` are used as in [`Farthest`].
 pub(super) fn one_by_one(
     l: usize,
     seed: u64,
@@ -51,7 +51,7 @@ pub(super) fn one_by_one(
             continue;
         }
         landmark = next(space, field);
-        // Known before its own front: its row can start meanwhile.
+        // Announced before its own front, so that its row can be computed meanwhile.
         found(landmark, None)?;
         if k + 1 < l {
             space.lower(k, landmark, field)?;
@@ -60,10 +60,10 @@ pub(super) fn one_by_one(
     Ok(())
 }
 
-/// Farthest points in length alone, for rows in a metric that counts turning.
+/// Farthest points by length only, for rows in a metric that includes turning.
 ///
-/// Max–min in a combined metric picks outliers: a lone face across a sharp crease is far from everything and
-/// represents nothing. In length alone the samples spread over the surface.
+/// In a combined metric, max–min picks outliers: a single face across a sharp crease is far from everything and
+/// represents nothing. By length only, the samples spread over the surface.
 pub struct GeodesicFarthest;
 
 impl Sampler for GeodesicFarthest {
@@ -90,9 +90,9 @@ impl Sampler for GeodesicFarthest {
     }
 }
 
-/// An extremity of the shape: from a random face to the face farthest from it in space, and on from there for
-/// [`SEEDING_ROUNDS`] rounds; the first of equally far ones. In space instead of along the surface: as much of an
-/// extremity, for two passes over centroids on all `threads` instead of full fronts that nothing can run beside.
+/// An extremity of the shape: starting from a random face, go to the farthest face in space for [`SEEDING_ROUNDS`]
+/// rounds; of several, the first. Distances in space find an extremity as well as those along the surface, and need two
+/// passes over centroids on all `threads` instead of full fronts, in parallel with which nothing can run.
 pub fn extremity(nodes: NodeView<'_>, seed: u64, threads: usize) -> u32 {
     let mut at = below(&mut stream(seed, "first landmark"), nodes.len());
     for _ in 0..SEEDING_ROUNDS {
@@ -101,11 +101,11 @@ pub fn extremity(nodes: NodeView<'_>, seed: u64, threads: usize) -> u32 {
     at as u32
 }
 
-/// The first of the nodes that are farthest in space from node `from`.
+/// The first of the nodes farthest in space from node `from`.
 fn farthest_in_space(nodes: NodeView<'_>, from: usize, threads: usize) -> usize {
     const CHUNK: usize = 1 << 16;
     let from = nodes.at(from).centroid;
-    // A fraction of a row: nobody waits for it to be stopped.
+    // A fraction of a row: too short to need cancelling.
     let farthest = map_ranges(threads, &Cancel::default(), nodes.len(), CHUNK, |range| {
         let mut farthest = (-1f32, range.start);
         nodes.each(range, |i, node| {
@@ -121,9 +121,9 @@ fn farthest_in_space(nodes: NodeView<'_>, from: usize, threads: usize) -> usize 
     farthest.into_iter().flatten().fold((-1., 0), first).1
 }
 
-/// [`farthest_node`] between fronts over `space`.
+/// [`farthest_node`], between fronts over `space`.
 fn farthest_in(space: &mut dyn Space, field: &[f32]) -> u32 {
-    // Pages are waited for one by one otherwise.
+    // Otherwise pages would be read one by one.
     space.advise(field, Access::Sequential);
     let farthest = farthest_node(field);
     space.advise(field, Access::Random);
@@ -137,10 +137,11 @@ fn farthest_node(field: &[f32]) -> u32 {
     (at * BLOCK + block.iter().position(|&d| d == best).unwrap_or(0)) as u32
 }
 
-/// Distances that are looked at together.
+/// Distances examined together.
 const BLOCK: usize = 4096;
 
-/// The greatest distance and the first block that has it, for [`dispatch`]: the place in the block is searched once.
+/// The greatest distance and the first block that contains it, for [`dispatch`]; the position within the block is
+/// searched only once.
 struct FarthestBlock<'a>(&'a [f32]);
 
 impl SimdKernel for FarthestBlock<'_> {
@@ -151,7 +152,7 @@ impl SimdKernel for FarthestBlock<'_> {
         let greater = |a: f32, b: f32| if b > a { b } else { a };
         let (mut best, mut at) = (f32::NEG_INFINITY, 0);
         for (k, block) in self.0.chunks(BLOCK).enumerate() {
-            // In lanes: a single maximum would wait for itself.
+            // In lanes: a single maximum would be a serial dependency chain.
             let mut tops = [f32::NEG_INFINITY; 32];
             let (lanes, rest) = block.as_chunks::<32>();
             for lanes in lanes {

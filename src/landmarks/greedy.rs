@@ -1,13 +1,13 @@
-//! Greedy best-candidate sampling (§6.1): of 90 random candidates the one whose row raises Γ most.
+//! Greedy best-candidate sampling (§6.1): of 90 random candidates, the one whose row raises Γ most.
 //!
-//! The paper draws 90 for "one of the best 1 % with 95 %"; ⌈ln .01 / ln .95⌉ = 90 is one of the best *5 %* with *99 %*.
-//! A candidate costs a front. Rows are reused where that changes nothing: fresh candidates that come up again
-//! ([`KEPT`] rows are kept), and, *pooled*, all of them: the 90 stay from landmark to landmark, the chosen one is
-//! replaced. That is 90 + l fronts instead of 90 l.
+//! The paper uses 90 candidates for "one of the best 1 % with 95 %"; ⌈ln .01 / ln .95⌉ = 90 actually gives one of the
+//! best *5 %* with *99 %*. A candidate costs a front. Rows are reused if that does not change the result: fresh
+//! candidates that are drawn again ([`KEPT`] rows are kept), and, *pooled*, all of them: the 90 candidates stay from
+//! landmark to landmark, and only the chosen one is replaced. That takes 90 + l fronts instead of 90 l.
 //!
-//! Where the kernel is positive, or nearly so, what a candidate adds follows from its residual column
-//! ([`Factor::gain`]); where it is not, a factorisation would overflow, and Γ is computed anew from the kept eigenpairs
-//! of each candidate's A.
+//! If the kernel is positive, or nearly so, the gain of a candidate follows from its residual column
+//! ([`Factor::gain`]); otherwise a factorisation would overflow, and Γ is recomputed from the kept eigenpairs of each
+//! candidate's A.
 
 use super::cholesky::{Factor, LEAST_PIVOT, mean};
 use super::{Found, Sampler, SamplingParams, Space};
@@ -16,18 +16,18 @@ use crate::base::{Result, eigen};
 use nalgebra::DMatrix;
 use std::collections::BTreeMap;
 
-/// Rows of distances kept for candidates that come up again, at the most.
+/// Maximum number of rows kept for candidates that are drawn again.
 pub const KEPT: usize = 1024;
 
 /// The sampler.
 pub struct Greedy {
     /// Kernel, candidates, columns.
     pub params: SamplingParams,
-    /// Whether candidates stay from landmark to landmark.
+    /// Whether candidates are kept from landmark to landmark.
     pub pooled: bool,
 }
 
-/// The search under way.
+/// State of the search.
 struct Search {
     factor: Factor,
     params: SamplingParams,
@@ -76,11 +76,11 @@ impl Sampler for Greedy {
 }
 
 impl Search {
-    /// Draws free columns until there are as many candidates as wanted, or no more.
+    /// Draws free columns until there are as many candidates as wanted, or no more columns.
     fn fill_up(&mut self, candidates: &mut Vec<usize>) {
         let n = self.free.len();
         let wanted = self.params.candidates.max(1).min(n - self.chosen.len());
-        // Nearly all: take all, in order.
+        // Nearly all columns are needed: take all, in order.
         if 2 * (wanted + self.chosen.len()) > n {
             candidates.extend((0..n).filter(|&c| self.free[c]).filter(|c| !candidates.contains(c)).collect::<Vec<_>>());
             candidates.truncate(wanted);
@@ -94,7 +94,7 @@ impl Search {
         }
     }
 
-    /// Makes the candidates' rows, and finds σ in the first ones.
+    /// Computes the candidates' rows, and σ from the first ones.
     fn compute_rows(&mut self, candidates: &[usize], space: &mut dyn Space, field: &mut [f32]) -> Result<()> {
         if self.rows.len() > KEPT {
             let chosen = &self.chosen;
@@ -113,7 +113,7 @@ impl Search {
         Ok(())
     }
 
-    /// The place of the best candidate; the first of equal ones.
+    /// The index of the best candidate; the first if equal.
     fn best(&self, candidates: &[usize]) -> usize {
         let mut best = (f64::NEG_INFINITY, 0);
         for (place, &c) in candidates.iter().enumerate() {
@@ -130,7 +130,7 @@ impl Search {
         best.1
     }
 
-    /// Γ over the columns with the landmarks so far and `c`, from the kept eigenpairs of their affinities.
+    /// Γ over the columns for the landmarks so far plus `c`, from the kept eigenpairs of their affinities.
     fn gamma(&self, c: usize) -> f64 {
         let landmarks: Vec<usize> = self.chosen.iter().copied().chain([c]).collect();
         let rows: Vec<Vec<f64>> = landmarks.iter().map(|c| self.factor.affinities(&self.rows[c])).collect();

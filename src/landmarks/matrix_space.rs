@@ -1,6 +1,6 @@
-//! Distances on demand from a matrix of all of them: what studies of small sets sample on.
+//! Distances on demand from a full distance matrix: for studies of sampling on small sets.
 //!
-//! A row costs n steps, which are copied; the matrix (4 n² bytes) is the caller's.
+//! A row is a copy of n numbers; the matrix (4 n² bytes) belongs to the caller.
 
 use crate::base::{Cancel, Result};
 use crate::distance::front::{Front, mean_weight};
@@ -18,13 +18,13 @@ pub struct MatrixSpace<'a> {
 }
 
 impl<'a> MatrixSpace<'a> {
-    /// A space over `distances` (n × n), with the graph of lengths where it is asked for.
+    /// A space over `distances` (n × n), with the graph of lengths if needed.
     pub fn new(distances: &'a [f32], nodes: NodeView<'a>, lengths: Option<Csr<'a>>) -> Self {
         let lengths = lengths.map(|lengths| (lengths, Front::new(mean_weight(lengths))));
         Self { distances, nodes, lengths, visits: VisitCount::default() }
     }
 
-    /// The count of visits so far; n of them are a front.
+    /// The count of visits so far; n of them are one full front.
     pub fn visits(&self) -> VisitCount {
         self.visits.clone()
     }
@@ -50,7 +50,7 @@ impl Space for MatrixSpace<'_> {
         let n = self.nodes.len();
         let mut lowered = 0;
         for (known, &d) in field.iter_mut().zip(&self.distances[node as usize * n..(node as usize + 1) * n]) {
-            // As many visits as a pruned front would make.
+            // Counts the visits of a pruned front.
             if d < *known {
                 *known = d;
                 lowered += 1;

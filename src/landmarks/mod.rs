@@ -1,18 +1,19 @@
-//! Samplings: which nodes become landmarks (§6 of the paper). One file each behind [`Sampler`], all fed by the same
-//! rows through [`Space`].
+//! Samplings: which nodes become landmarks (§6 of the paper). Each sampling is a file that implements [`Sampler`]; all
+//! use the same rows through [`Space`].
 //!
 //! | | search, in fronts over all n nodes | |
 //! | --- | --- | --- |
-//! | [`random`] | 0 | by area, or each node alike |
+//! | [`random`] | 0 | by area, or uniformly |
 //! | [`farthest`] | about Σ 1/i | max–min from an extremity, §6.2 |
-//! | [`farthest::GeodesicFarthest`] | about Σ 1/i | the same in length alone, whatever metric the rows have |
-//! | [`distance_weighted`] | about Σ 1/i | at random, by area times the distance from those before |
+//! | [`farthest::GeodesicFarthest`] | about Σ 1/i | the same by length only, whatever metric the rows have |
+//! | [`distance_weighted`] | about Σ 1/i | at random, by area times the distance to the nearest landmark so far |
 //! | [`centroid`] | l + Σ 1/i | farthest points, each moved to the middle of its cell |
 //! | [`cholesky`] | l + [`PILOTS`] | randomly pivoted Cholesky |
 //! | [`greedy`] | 90 l, pooled 90 + l | best of 90 candidates by Γ, §6.1 |
 //!
-//! The last three look at distances or affinities on a random sample of columns ([`SamplingParams::columns`]), from
-//! which they pick too: fronts aside, memory and arithmetic do not grow with n, and where n is smaller they are exact.
+//! The last three use distances or affinities on a random sample of columns ([`SamplingParams::columns`]), and also
+//! choose from these. So apart from fronts, memory and arithmetic do not grow with n, and if n is smaller they are
+//! exact.
 
 pub mod centroid;
 pub mod cholesky;
@@ -56,13 +57,13 @@ pub enum Sampling {
     /// Max–min farthest points from an extremity.
     #[default]
     Farthest,
-    /// Nodes at random, a node's chance in proportion to its area.
+    /// Random nodes, with probability proportional to area.
     Random,
-    /// Nodes at random, by area times the distance to the nearest landmark so far.
+    /// Random nodes, weighted by area times the distance to the nearest landmark so far.
     DistanceWeighted,
-    /// Nodes at random, each alike: the paper's random sampling.
+    /// Random nodes, uniformly: the paper's random sampling.
     Uniform,
-    /// Max–min farthest points in length alone, whatever metric the rows have.
+    /// Max–min farthest points by length only, whatever metric the rows have.
     GeodesicFarthest,
     /// Farthest points, each moved to the middle of its cell.
     Centroids,
@@ -70,7 +71,7 @@ pub enum Sampling {
     Cholesky,
     /// The best of 90 fresh candidates by Γ, one landmark after the other (§6.1).
     Greedy,
-    /// The same, the 90 kept from landmark to landmark.
+    /// The same, with the 90 candidates kept from landmark to landmark.
     PooledGreedy,
 }
 
@@ -88,7 +89,7 @@ impl Sampling {
         Self::Greedy,
     ];
 
-    /// Its name on the command line.
+    /// Its name in options and reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Farthest => "farthest",
@@ -103,17 +104,17 @@ impl Sampling {
         }
     }
 
-    /// Whether the search runs in length alone and not in the metric of the rows.
+    /// Whether the search uses length only, instead of the metric of the rows.
     pub fn needs_lengths(self) -> bool {
         self == Self::GeodesicFarthest
     }
 
-    /// Whether l landmarks are the first of those of a greater l: all samplings but centroids, which move.
+    /// Whether the first l of more landmarks are the same as l landmarks: all samplings except centroids, which move.
     pub fn is_nested(self) -> bool {
         self != Self::Centroids
     }
 
-    /// The sampler that goes by `params`.
+    /// The sampler with these `params`.
     pub fn sampler(self, params: SamplingParams) -> Box<dyn Sampler> {
         match self {
             Self::Farthest => Box::new(farthest::Farthest),
@@ -129,7 +130,7 @@ impl Sampling {
     }
 }
 
-/// The sampler of the default parameters.
+/// Samples with default parameters.
 impl Sampler for Sampling {
     fn choose(
         &self,
@@ -151,20 +152,20 @@ impl Sampler for Sampling {
     }
 }
 
-/// Rows that tell samplers the mean distance where they are not given σ.
+/// Number of rows from which samplers estimate the mean distance if σ is not given.
 pub const PILOTS: usize = 4;
 
-/// What samplers that look at affinities need to know.
+/// Parameters of samplers that use affinities.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SamplingParams {
-    /// The kernel of Γ. The exponential, because Γ of the Gaussian of geodesic distances is no measure: its rank
-    /// correlation with the residual was .26 (`docs/dev/sampling-and-kernels.md`).
+    /// The kernel of Γ. The exponential, because Γ of the Gaussian of geodesic distances is not a useful measure: its
+    /// rank correlation with the residual was .26 (`docs/dev/sampling-and-kernels.md`).
     pub kernel: Kernel,
-    /// Its width in units of distance; by default the mean of the first rows computed.
+    /// Its width in units of distance; by default the mean of the first computed rows.
     pub sigma: Option<f64>,
-    /// Candidates a landmark: 90 hold one of the best 5 % with a chance of 99 %.
+    /// Candidates per landmark: 90 contain one of the best 5 % with a probability of 99 %.
     pub candidates: usize,
-    /// Columns looked at, at the most.
+    /// Maximum number of columns used.
     pub columns: usize,
 }
 
@@ -174,13 +175,14 @@ impl Default for SamplingParams {
     }
 }
 
-/// `count` distinct numbers below `n`, in the order drawn (Floyd's way would sort them; this shuffles the first).
+/// `count` distinct numbers below `n`, in the order drawn (Floyd's algorithm would not give a random order; this one
+/// does).
 fn distinct(n: usize, count: usize, seed: u64, purpose: &str) -> Vec<u32> {
     let mut draw = stream(seed, purpose);
     if count >= n {
         return (0..n as u32).collect();
     }
-    // A sparse Fisher–Yates: only displaced places are remembered.
+    // A sparse Fisher–Yates shuffle: only displaced positions are stored.
     let mut displaced = std::collections::HashMap::with_capacity(2 * count);
     let place = |displaced: &std::collections::HashMap<usize, usize>, k: usize| displaced.get(&k).copied().unwrap_or(k);
     (0..count)

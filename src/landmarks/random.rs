@@ -1,7 +1,7 @@
-//! Random landmarks: by area, or each node alike. No distances are needed.
+//! Random landmarks: by area, or uniformly. No distances are needed.
 //!
-//! By area: two passes over the nodes, and one more wherever a node was drawn twice. Alike: O(l). Nothing is held but
-//! the landmarks.
+//! By area: two passes over the nodes, and one more if a node was drawn twice. Uniformly: O(l). Memory: only the
+//! landmarks.
 
 use super::{Found, Sampler, Space, distinct};
 use crate::base::Result;
@@ -9,7 +9,7 @@ use crate::base::random::{stream, unit};
 use crate::base::sort::sort_by;
 use crate::graph::NodeView;
 
-/// A node's chance is in proportion to its area, so that the sampling of a mesh does not follow its density.
+/// A node's probability is proportional to its area, so that the sampling does not depend on the density of the mesh.
 pub struct ByArea;
 
 /// Every node has the same chance.
@@ -28,7 +28,7 @@ impl Sampler for Uniform {
     }
 }
 
-/// `l` distinct nodes at random by area (evenly where there is none), by two passes over the nodes.
+/// `l` distinct random nodes by area (spread evenly if there is none), in two passes over the nodes.
 fn by_area(l: usize, nodes: NodeView<'_>, seed: u64) -> Vec<u32> {
     let mut draw = stream(seed, "random landmarks");
     let mut total = 0f64;
@@ -55,14 +55,14 @@ fn by_area(l: usize, nodes: NodeView<'_>, seed: u64) -> Vec<u32> {
             }
         }
     }
-    // Nearly all drawn, or hardly any area: fill up in order, faces with area first.
+    // Nearly all nodes drawn, or hardly any area: fill up in order, faces with area first.
     let missing = l - chosen.len();
     let (mut with, mut without) = (Vec::new(), Vec::new());
     for node in (0..nodes.len() as u32).filter(|node| !chosen.contains(node)) {
         if with.len() == missing {
             break;
         }
-        // No more than are missing: a large mesh may have hardly any area.
+        // At most as many as are missing: a large mesh may have hardly any area.
         let kind = if nodes.at(node as usize).area > 0. { &mut with } else { &mut without };
         if kind.len() < missing {
             kind.push(node);
