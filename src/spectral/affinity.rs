@@ -1,12 +1,12 @@
-//! The sampled block `[A B]` of affinities: its columns, what is kept of A, and normalisations.
+//! The sampled block `[A B]` of affinities: its columns, the kept eigenpairs of A, and normalisations.
 //!
-//! A block has l rows (landmarks) and n columns in node order, A's among them ([`SampledBlock`]). Columns are made in
-//! chunks and forgotten; nothing of the size of the mesh is held. Cost of a pass: n·l affinities.
+//! A block has l rows (landmarks) and n columns in node order, including A's ([`SampledBlock`]). Columns are computed
+//! in chunks and discarded; nothing of the size of the mesh is stored. Cost of a pass: n·l affinities.
 //!
 //! A⁻¹ of eq. 1 and eq. 6 is the pseudo-inverse on the kept eigenpairs ([`KeptEigenpairs`]): A of a Gaussian of
 //! geodesic distances is indefinite, and its small eigenvalues are noise. O(l³).
 //!
-//! What is done to affinities before the eigenproblem ([`Preprocess`]) is a function of `[A B]`'s columns:
+//! The preprocessing of affinities before the eigenproblem ([`Preprocess`]) is a function of `[A B]`'s columns:
 //! - [`Preprocess::Degree`]: D^-½ W D^-½ with the degrees of the Nyström approximation, d_j = B_jᵀ A⁺ (W 1): the row
 //!   sums W 1 of the landmarks take one pass, d_j then follows from column j.
 //! - [`Preprocess::RowStochastic`]: D⁻¹W is not symmetric; its eigenvectors are D^-½ times those of the above, so
@@ -24,7 +24,7 @@ use crate::store::Run;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
-/// Columns per chunk; part of the results, since sums are added up by chunks.
+/// Columns per chunk; it affects results, since sums are formed by chunks.
 pub const CHUNK: usize = 2048;
 
 /// The sampled block.
@@ -38,7 +38,7 @@ pub trait SampledBlock: Sync {
     /// Columns `range` of `[A B]` (m of them): row k at `k * m` of `out` (l × m).
     fn columns(&self, range: Range<usize>, out: &mut [f64]);
 
-    /// What coordinates of the columns `range` are multiplied by after extrapolation; nothing by default.
+    /// The factors for the coordinates of the columns `range` after extrapolation; none by default.
     fn scale(&self, _range: Range<usize>) -> Option<Vec<f64>> {
         None
     }
@@ -63,14 +63,14 @@ pub trait SampledBlock: Sync {
         out
     }
 
-    /// A (l × l), made symmetric.
+    /// A (l × l), symmetrised.
     fn sampled(&self) -> DMatrix<f64> {
         let a = self.columns_of(self.landmarks());
         0.5 * (&a + a.transpose())
     }
 }
 
-/// A block that lies in memory, for small sets and points that have no mesh.
+/// A block in memory, for small sets and for points without a mesh.
 #[derive(Clone, Debug)]
 pub struct DenseBlock {
     /// Nodes of the landmarks (l).
@@ -103,12 +103,12 @@ impl SampledBlock for DenseBlock {
 pub enum Bandwidth {
     /// σ, the same everywhere.
     Global(f64),
-    /// √(σ_i σ_j), σ_j the distance of j to its q-th nearest landmark (self-tuning, after Zelnik-Manor and Perona 2004,
-    /// with landmarks for neighbours).
+    /// √(σ_i σ_j), where σ_j is the distance from j to its q-th nearest landmark (self-tuning, after Zelnik-Manor and
+    /// Perona 2004, with landmarks as neighbours).
     Local(usize),
 }
 
-/// A block of distances under a kernel.
+/// Affinities of distances under a kernel.
 ///
 /// ```
 /// use nystrom_stream::spectral::Kernel;
@@ -130,12 +130,12 @@ pub struct AffinityBlock<'a> {
     rows: Vec<&'a [f32]>,
     kernel: Kernel,
     bandwidth: Bandwidth,
-    /// σ_i of the landmarks, where local.
+    /// σ_i of the landmarks, if the bandwidth is local.
     own: Vec<f64>,
 }
 
 impl<'a> AffinityBlock<'a> {
-    /// The affinities of `rows`, the distances from `landmarks`; both of one length, at least 1.
+    /// The affinities for `rows`, the distances from `landmarks`; both have the same length, at least 1.
     pub fn new(landmarks: &'a [u32], rows: Vec<&'a [f32]>, kernel: Kernel, bandwidth: Bandwidth) -> Self {
         let mut block = Self { landmarks, rows, kernel, bandwidth, own: Vec::new() };
         if let Bandwidth::Local(q) = bandwidth {
@@ -186,7 +186,7 @@ pub fn landmark_affinities(rows: &DistanceRows, kernel: Kernel, sigma: f64) -> D
     DMatrix::from_fn(l, l, |i, j| kernel.of(sigma, 0.5 * (d(i, j) + d(j, i))))
 }
 
-/// The eigenpairs of A that are kept, and what is known of the others.
+/// The kept eigenpairs of A, and statistics of the others.
 #[derive(Clone, Debug)]
 pub struct KeptEigenpairs {
     /// Kept eigenvalues, descending (r ≥ 1 unless l = 0).
@@ -206,9 +206,10 @@ impl KeptEigenpairs {
         Self { values: all[..count].to_vec(), vectors: vectors.columns(0, count).into_owned(), all }
     }
 
-    /// Columns uᵉ·√(λ_e/(λ_e² + ε²)) of all positive eigenvalues of `a` (l × r), ε `tolerance` times the greatest:
-    /// their product with its transpose is A⁺ with Tikhonov's damping for a cut. A cut keeps a pair here and drops it
-    /// on a mesh that differs by its triangles alone; this depends on A continuously.
+    /// Columns uᵉ·√(λ_e/(λ_e² + ε²)) for all positive eigenvalues of `a` (l × r), where ε is `tolerance` times the
+    /// greatest: their product with its transpose is A⁺ with Tikhonov damping instead of truncation. Truncation may
+    /// keep a pair here and drop it on a mesh that differs only in its triangulation; damping depends on A
+    /// continuously.
     pub fn damped(a: DMatrix<f64>, tolerance: f64) -> DMatrix<f64> {
         let (all, mut vectors) = eigen::symmetric(a);
         let epsilon = tolerance * all.first().copied().unwrap_or(0.);
@@ -245,7 +246,7 @@ impl KeptEigenpairs {
         (&self.vectors * in_basis).iter().copied().collect()
     }
 
-    /// uᵉ/√λ_e as columns (l × r): A⁺ is this times its transpose.
+    /// uᵉ/√λ_e as columns (l × r): A⁺ is this matrix times its transpose.
     pub fn roots(&self) -> DMatrix<f64> {
         let mut roots = self.vectors.clone();
         for (mut column, value) in roots.column_iter_mut().zip(&self.values) {
@@ -260,9 +261,9 @@ impl KeptEigenpairs {
 pub(super) struct Degrees {
     /// A⁺ (W 1) (l).
     pub toward: Vec<f64>,
-    /// Least degree.
+    /// Lower bound on degrees.
     pub floor: f64,
-    /// Roots of the landmarks' own degrees (l).
+    /// Square roots of the landmarks' own degrees (l).
     pub roots: Vec<f64>,
 }
 
@@ -275,13 +276,13 @@ impl Degrees {
     }
 }
 
-/// What is done.
+/// How affinities are preprocessed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preprocess {
     /// Nothing.
     #[default]
     None,
-    /// Division by the roots of both degrees.
+    /// Division by the square roots of both degrees.
     Degree,
     /// Division by the degree of the row.
     RowStochastic,
@@ -293,9 +294,9 @@ pub enum Preprocess {
 pub struct PreprocessedBlock<'a> {
     block: &'a dyn SampledBlock,
     kind: Preprocess,
-    /// Where degrees are divided by.
+    /// Degrees, for the normalisations that divide by them.
     degrees: Degrees,
-    /// Means of A's rows (l), where columns are centred.
+    /// Means of A's rows (l), if columns are centred.
     means: Vec<f64>,
     /// Mean of A.
     mean: f64,

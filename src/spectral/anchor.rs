@@ -1,25 +1,25 @@
-//! The anchor embedding: cells as mixtures of the landmarks they are near to.
+//! The anchor embedding: represents cells as mixtures of nearby landmarks.
 //!
-//! With B the l × S distances of cells from landmarks, K = exp(−B²/2s²) with s a fixed share of
-//! the area mean of B, and v_j the share of the area that is nearest to landmark j, a cell's
-//! affinities v_j K_ji (plus one hundredth of their mean) are divided by their sum: the column is
-//! a distribution over landmarks. The S × S affinity Zᵀ diag(Za)⁻¹ Z ("anchor graph"; W. Liu, He,
-//! Chang, ICML 2010) is positive semi-definite and doubly normalised by construction, which the
-//! degree normalisation of an indefinite Gaussian is not. Its leading eigenvectors come from an
-//! l × l problem: they are Φᵀ Q/√g, Φ = Z/√(Za), (Q, g) the eigenpairs of Φ diag(a) Φᵀ. Scaled by
-//! √(g/g₀) and brought to unit rows the factors of g cancel, and Φᵀ Q is left.
+//! With B the l × S distances of cells from landmarks, K = exp(−B²/2s²) with s a fixed share of the area-weighted mean
+//! of B, and v_j the share of the area that is nearest to landmark j, a cell's affinities v_j K_ji (plus one hundredth
+//! of their mean) are divided by their sum: the column is a distribution over landmarks. The S × S affinity Zᵀ
+//! diag(Za)⁻¹ Z ("anchor graph"; W. Liu, He, Chang, ICML 2010) is positive semi-definite and doubly normalised by
+//! construction, which the degree normalisation of an indefinite Gaussian is not. Its leading eigenvectors come from an
+//! l × l problem: they are Φᵀ Q/√g, with Φ = Z/√(Za) and (Q, g) the eigenpairs of Φ diag(a) Φᵀ. After scaling by
+//! √(g/g₀) and normalising rows to unit length, the factors of g cancel, and Φᵀ Q remains.
 //!
-//! This is the form for a few thousand points in `f64`, with all sums vectorised in a fixed order: l² S multiply-adds
-//! and 16 l S bytes. [`super::embedding`] has the form that streams over faces.
+//! This is the version for a few thousand points in `f64`, with all sums vectorised in a fixed order: l² S
+//! multiply-adds and 16 l S bytes. [`super::embedding`] has the version that streams over faces.
 
 use super::exp::exp64;
 use crate::base::eigen;
 use crate::base::simd::{SimdKernel, dispatch};
 use nalgebra::DMatrix;
 
-/// Share of the mean affinity that every landmark gives to every cell: far cells stay distributions.
+/// Share of the mean affinity that every landmark contributes to every cell, so that far cells still have a
+/// distribution.
 pub(super) const BACKGROUND: f64 = 0.01;
-/// Least share of the area that a landmark stands for.
+/// Minimum share of the area that a landmark represents.
 const ANCHOR_FLOOR: f64 = 1e-4;
 /// Lanes of the hand-blocked inner products.
 const LANES: usize = 8;
@@ -36,7 +36,7 @@ pub struct LandmarkDistances {
 }
 
 impl LandmarkDistances {
-    /// Takes rows as they come; what was not reached counts as twice the row's greatest distance.
+    /// Takes rows in their order; unreached points are put at twice the row's greatest finite distance.
     pub fn new(values: &[f64], count: usize, points: usize) -> LandmarkDistances {
         let mut values = values.to_vec();
         for row in values.chunks_mut(points.max(1)) {
@@ -76,14 +76,14 @@ impl AnchorEmbedding {
     }
 }
 
-/// What the anchor embedding of the cells was made with: enough to embed any other column of distances.
+/// The parameters of the cells' anchor embedding: enough to embed any other column of distances.
 #[derive(Clone, Debug)]
 pub struct AnchorExtension {
-    /// Share of the area that each landmark stands for (l).
+    /// Share of the area that each landmark represents (l).
     pub weight: Vec<f64>,
     /// −1/2s².
     pub factor: f64,
-    /// What every landmark gives to every point, over its weight.
+    /// The background affinity of every landmark, divided by its weight.
     pub lift: f64,
     /// 1/√(Za)_j (l).
     pub root: Vec<f64>,
@@ -93,7 +93,7 @@ pub struct AnchorExtension {
     pub width: usize,
 }
 
-/// Embeds the points in min(`width`, landmarks) dimensions from the rows of `chosen` landmarks.
+/// Embeds the points in min(`width`, landmarks) dimensions, given the rows of the `chosen` landmarks.
 ///
 /// ```
 /// use nystrom_stream::spectral::anchor::{LandmarkDistances, anchor_embedding};
@@ -105,7 +105,7 @@ pub struct AnchorExtension {
 /// assert!(cosine(0, 1) > 0.9 && cosine(2, 3) > 0.9 && cosine(0, 3) < 0.1);
 /// ```
 ///
-/// `shares`: area shares (S). `scale`: s over the area mean of the chosen rows (.2 to .3 serve).
+/// `shares`: area shares (S). `scale`: s relative to the area-weighted mean of the chosen rows (.2 to .3 work well).
 pub fn anchor_embedding(
     rows: &LandmarkDistances,
     chosen: &[usize],
@@ -116,7 +116,7 @@ pub fn anchor_embedding(
     fit_anchor_embedding(rows, chosen, shares, width, scale).0
 }
 
-/// The same, and what it was made with.
+/// The same, together with its parameters.
 pub fn fit_anchor_embedding(
     rows: &LandmarkDistances,
     chosen: &[usize],
@@ -178,8 +178,8 @@ impl SimdKernel for AnchorFit<'_> {
 }
 
 impl AnchorExtension {
-    /// Embeds a point by its distances from the landmarks (l, finite) into `out` (width): Nyström's extrapolation for
-    /// this embedding, the cells' own formula for one column. A constant factor of the column falls out.
+    /// Embeds a point, given its distances from the landmarks (l, finite), into `out` (width): Nyström's extrapolation
+    /// for this embedding, which is the cells' own formula for one column. A constant factor of the column cancels.
     pub fn embed(&self, distances: &[f32], out: &mut [f64]) {
         out.fill(0.);
         for (j, &d) in distances.iter().enumerate() {
@@ -193,8 +193,8 @@ impl AnchorExtension {
     }
 }
 
-/// Share of the area that is nearest to each landmark, floored, summing to 1. `rows`: distances of the points from one
-/// landmark after the other; `shares`: of the points.
+/// Share of the area that is nearest to each landmark, with a lower bound, summing to 1. `rows`: the points' distances,
+/// landmark by landmark; `shares`: area shares of the points.
 #[inline(always)]
 pub(super) fn nearest_shares<'a, T: Copy + PartialOrd + 'a>(
     mut rows: impl Iterator<Item = &'a [T]>,
@@ -237,8 +237,8 @@ fn leading_eigenvectors(phi: &[f64], l: usize, n: usize, shares: &[f64], width: 
     q
 }
 
-/// Inner products of the rows of a matrix with each other, to be computed by [`dispatch`]: the same bits on all
-/// processors, which products of matrices by the crate `nalgebra` are not.
+/// Inner products of the rows of a matrix with each other, for [`dispatch`]: the same bits on all processors, unlike
+/// matrix products of the crate `nalgebra`.
 pub(super) struct RowProducts<'a> {
     /// The rows, one after another (l × n).
     pub rows: &'a [f64],
@@ -257,8 +257,8 @@ impl SimdKernel for RowProducts<'_> {
     }
 }
 
-/// Inner products of `l` rows of `n` numbers with each other, each as [`dot`] has it: four at a time, so that a number
-/// that is loaded serves all of them.
+/// Inner products of `l` rows of `n` numbers with each other, each equal to [`dot`]: four at a time, so that a loaded
+/// number is used four times.
 #[inline(always)]
 fn gram(rows: &[f64], l: usize, n: usize) -> DMatrix<f64> {
     let mut gram = DMatrix::zeros(l, l);
@@ -281,7 +281,7 @@ fn gram(rows: &[f64], l: usize, n: usize) -> DMatrix<f64> {
 fn four_dots(a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
     let (xs, x_rest) = a.as_chunks::<LANES>();
     let (ys, y_rest) = (b.map(|b| &b.as_chunks::<LANES>().0[..xs.len()]), b.map(|b| b.as_chunks::<LANES>().1));
-    // One by one: a loop over them would be turned into vectors the wrong way round.
+    // Unrolled by hand: a loop over the four would be vectorised along the wrong axis.
     let [mut p, mut q, mut r, mut s] = [[0.0; LANES]; 4];
     for (k, x) in xs.iter().enumerate() {
         add_product(&mut p, x, &ys[0][k]);
@@ -308,10 +308,10 @@ fn sum_of(lanes: [f64; LANES]) -> f64 {
 /// Coordinates that [`project`] sums at a time.
 const COORDINATES_AT_ONCE: usize = 4;
 
-/// Φᵀ Q with rows brought to unit length.
+/// Φᵀ Q with rows normalised to unit length.
 #[inline(always)]
 fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> AnchorEmbedding {
-    // Q in groups of coordinates, row after row.
+    // Q in groups of coordinates, row by row.
     let groups = width.div_ceil(COORDINATES_AT_ONCE);
     let mut vectors = vec![[0.0; COORDINATES_AT_ONCE]; groups * l];
     for j in 0..l {
@@ -354,7 +354,7 @@ fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> AnchorEm
     AnchorEmbedding { values, width }
 }
 
-/// Inner product in a fixed order of additions that vectorises.
+/// An inner product with a fixed order of additions that vectorises.
 #[inline(always)]
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; LANES];

@@ -1,21 +1,20 @@
 //! The embedding of faces: fitted on sampled columns, extrapolated to any face from its own column.
 //!
-//! Fits (degrees, anchor shares, K-means) are averages over the surface, so they need a constant number of columns:
+//! Fits (degrees, anchor shares, K-means) are averages over the surface, so a constant number of columns suffices:
 //! [`MOST_COLUMNS`] faces, one per equal quantum of area in node order, stratified and seeded; every face of a small
-//! mesh. Only what must cover every face (labels, Γ) streams over all columns. Memory: 4 (l + d) [`MOST_COLUMNS`]
-//! bytes. Cost: one pass over areas, `MOST_COLUMNS · l` random reads.
+//! mesh. Only what concerns every face (labels, Γ) streams over all columns. Memory: 4 (l + d) [`MOST_COLUMNS`] bytes.
+//! Cost: one pass over areas, `MOST_COLUMNS · l` random reads.
 //!
-//! Three normalisations, one form. With k the l affinities of a face, every variant is
-//! y = (Mᵀk + m₀)/s with s = 1 or linear in k (or its root), then optionally brought to unit length; only the fit
-//! of M, m₀, s differs:
+//! There are three normalisations of one form. With k the l affinities of a face, each is y = (Mᵀk + m₀)/s with s = 1,
+//! or linear in k, or the square root of that; then optionally normalised to unit length. Only the fit of M, m₀, s
+//! differs:
 //! - [`Normalisation::None`], eq. 1–2: A = UΛUᵀ, M = UΛ⁻¹ on the kept eigenpairs.
-//! - [`Normalisation::Degree`]: D^-½ W D^-½ with the degrees of the Nyström approximation,
-//!   d = kᵀA⁺(W's row sums); rows are A's and the sample's.
-//! - [`Normalisation::Anchor`] (default): landmarks as anchors of a bipartite graph, z = v∘k + ε v (v: share
-//!   of area nearest to each), columns divided by their sums, G = Φ diag(a) Φᵀ. Positive by construction, so
-//!   the indefiniteness of the Gaussian cannot hurt; A itself is not inverted. ([`super::anchor`] has the same graph of
-//!   cells, in `f64` and without a map in `f32`; what they share is there.)
-//!
+//! - [`Normalisation::Degree`]: D^-½ W D^-½ with the degrees of the Nyström approximation, d = kᵀA⁺(W's row sums);
+//!   these use A and the sample.
+//! - [`Normalisation::Anchor`] (default): landmarks as anchors of a bipartite graph, z = v∘k + ε v (v: share of area
+//!   nearest to each), columns divided by their sums, G = Φ diag(a) Φᵀ. Positive by construction, so the indefiniteness
+//!   of the Gaussian does no harm; A itself is not inverted. ([`super::anchor`] builds the same graph over cells, in
+//!   `f64` and without a map in `f32`; shared code is there.)
 //! Cost of extrapolation: l exponentials and l·d multiply-adds per face, vectorised over faces.
 
 use super::affinity::{Degrees, KeptEigenpairs, landmark_affinities};
@@ -32,9 +31,9 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Faces that a thread embeds in one go.
+/// Faces that a thread embeds at once.
 const FACES_PER_CHUNK: usize = 2048;
-/// Columns at the most.
+/// Maximum number of sampled columns.
 pub const MOST_COLUMNS: usize = 1 << 14;
 
 /// A sample of columns.
@@ -55,16 +54,16 @@ pub fn fit_bytes(landmarks: u64, nodes: u64) -> u64 {
 }
 
 impl SampledColumns {
-    /// Samples the columns of `rows`, whose areas `area` gives.
+    /// Samples the columns of `rows`; `area` gives the area of a node.
     pub fn sample(rows: &DistanceRows, area: impl Fn(usize) -> f32, run: &Run) -> Self {
         let n = rows.nodes;
         let total: f64 = (0..n).map(|i| f64::from(area(i))).sum();
         let (chosen, mut shares): (Vec<u32>, Vec<f64>) = if n <= MOST_COLUMNS {
-            // Areas are floored so that faces without area have a say where nothing else does.
+            // Areas have a lower bound, so that faces without area count if there are no others.
             let floor = 1e-6 * total.max(1e-30) / n as f64;
             (0..n as u32).map(|i| (i, f64::from(area(i as usize)).max(floor))).unzip()
         } else if total > 0. {
-            // A face that several points fall into counts as often.
+            // A face hit by several points counts several times.
             let areas = (0..n).map(|i| f64::from(area(i)));
             let points = stratified(areas, total, MOST_COLUMNS, &mut stream(run.seed, "columns"));
             points.into_iter().map(|(node, hits)| (node, f64::from(hits))).unzip()
@@ -93,10 +92,10 @@ impl SampledColumns {
     }
 }
 
-/// Distances between sampled nodes up to which what lies between is read, too: fewer reads, and as many bytes as a disk
-/// reads in the time of one more.
+/// Sampled nodes at most this far apart are read together with what lies between: fewer reads, at the cost of as many
+/// bytes as a disk reads during one seek.
 const NEAR: u32 = 4096;
-/// Sampled nodes whose distances are asked for at a time.
+/// Number of sampled nodes whose distances are requested at a time.
 const ASKED: usize = 512;
 
 /// The distances of `nodes` (s, ascending) in `rows` (l × s).
@@ -119,14 +118,14 @@ fn distances(rows: &DistanceRows, nodes: &[u32], run: &Run) -> Vec<f32> {
 pub enum Normalisation {
     /// The affinities as they are (the paper's eq. 1).
     None,
-    /// By the roots of both degrees.
+    /// Divided by the square roots of both degrees.
     Degree,
-    /// Anchor graph: by the anchors' sums, positive by construction.
+    /// Anchor graph: divided by the anchors' sums, positive by construction.
     #[default]
     Anchor,
 }
 
-/// What σ is.
+/// How σ is chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "rule", content = "value")]
 pub enum KernelWidth {
@@ -147,7 +146,7 @@ pub struct EmbeddingParams {
     pub normalisation: Normalisation,
     /// Number of coordinates wanted.
     pub dimensions: usize,
-    /// Whether each face's coordinates are brought to unit length.
+    /// Whether each face's coordinates are normalised to unit length.
     pub unit_rows: bool,
 }
 
@@ -163,10 +162,10 @@ impl EmbeddingParams {
         }
     }
 
-    /// Refuses an embedding that tells nothing.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for a width or a kernel out of range, or without dimensions.
+    /// [`Error::Parameter`] for a width or a kernel out of range, or zero dimensions.
     pub fn check(&self) -> Result<()> {
         let (KernelWidth::Mean(width) | KernelWidth::Fixed(width)) = self.width;
         if !(width > 0. && width < 1e6) {
@@ -179,7 +178,7 @@ impl EmbeddingParams {
     }
 }
 
-/// How s of y = (Mᵀk + m₀)/s follows from k.
+/// How s in y = (Mᵀk + m₀)/s depends on k.
 #[derive(Clone, Debug)]
 enum Divisor {
     One,
@@ -273,8 +272,8 @@ impl Embedding {
         }
     }
 
-    /// Embeds a chunk of `m` faces. `distances(k)` gives their distances from landmark k (m); `affinities` gets l rows
-    /// of m, what the kernel makes of them; `out` gets d rows of m.
+    /// Embeds a chunk of `m` faces. `distances(k)` returns their distances from landmark k (m); `affinities` receives l
+    /// rows of m, the kernel values; `out` receives d rows of m.
     pub fn chunk<'a>(&self, m: usize, distances: impl Fn(usize) -> &'a [f32], affinities: &mut [f32], out: &mut [f32]) {
         debug_assert_eq!(affinities.len(), self.landmarks * m);
         for (k, row) in affinities.chunks_exact_mut(m).enumerate() {
@@ -283,9 +282,9 @@ impl Embedding {
         dispatch(Extrapolated { embedding: self, m, affinities, out });
     }
 
-    /// Embeds all faces of `rows`, chunks of them in parallel, and reports them as progress of `stage`. `consume`
-    /// gets the chunks in order: a range of m nodes, and d rows of their m coordinates. Memory: 4 (l + d) bytes for
-    /// each of 2048 faces per thread, of which there are as many as the budget has room for.
+    /// Embeds all faces of `rows` in parallel chunks, with progress reported as `stage`. `consume` receives the chunks
+    /// in order: a range of m nodes, and d rows of their m coordinates. Memory: 4 (l + d) bytes for each of 2048 faces
+    /// per thread; the budget may limit the number of threads.
     ///
     /// # Errors
     /// Those of `consume`; [`Error::Cancelled`].
@@ -307,7 +306,7 @@ impl Embedding {
             Ok(coordinates)
         };
         let consume = |k: usize, coordinates: Vec<f32>| consume(chunk_range(n, FACES_PER_CHUNK, k), &coordinates);
-        // As many chunks of coordinates as wait to be consumed.
+        // Includes the chunks of coordinates that wait to be consumed.
         let bytes = 4 * FACES_PER_CHUNK * (rows.len() + 5 * self.dimensions);
         let (run, _grant) = run.threads_within(bytes as u64);
         run.in_order(chunk_count(n, FACES_PER_CHUNK), Vec::new, embed, consume)
@@ -380,7 +379,7 @@ fn divide(m: usize, out: &mut [f32], by: impl Iterator<Item = f32> + Clone) {
     }
 }
 
-/// Brings each face's coordinates to unit length; `scratch` is resized to m.
+/// Normalises each face's coordinates to unit length; `scratch` is resized to m.
 #[inline(always)]
 fn unit_columns(m: usize, out: &mut [f32], scratch: &mut Vec<f32>) {
     scratch.clear();
@@ -398,7 +397,7 @@ fn unit_columns(m: usize, out: &mut [f32], scratch: &mut Vec<f32>) {
     }
 }
 
-/// What the fits share.
+/// Common data of the fits.
 struct EmbeddingFit<'a> {
     rows: &'a DistanceRows,
     columns: &'a SampledColumns,
@@ -407,7 +406,7 @@ struct EmbeddingFit<'a> {
 }
 
 impl EmbeddingFit<'_> {
-    /// The eigenpairs of `a` that are above rounding and indefiniteness.
+    /// The eigenpairs of `a` above the level of rounding and indefiniteness.
     fn kept(&self, a: DMatrix<f64>) -> KeptEigenpairs {
         let tolerance = self.params.kernel.tolerance(a.nrows());
         KeptEigenpairs::of(a, tolerance)
@@ -428,7 +427,7 @@ impl EmbeddingFit<'_> {
             dimensions: offset.len(),
             map,
             offset,
-            // Brought to unit length, nothing is left of what was divided by.
+            // With unit length, the divisor cancels.
             divisor: if self.params.unit_rows { Divisor::One } else { divisor },
             unit_rows: self.params.unit_rows,
             eigenvalues,
@@ -484,7 +483,7 @@ impl EmbeddingFit<'_> {
         let shares = &self.columns.shares;
         let k: Vec<Vec<f32>> = (0..l).map(|row| self.affinities(row)).collect();
         let v = nearest_shares((0..l).map(|k| self.columns.row(k)), shares);
-        // ε: a share of the mean weight, so that a face far from all anchors stays defined.
+        // ε: a share of the mean weight, so that a face far from all anchors is still defined.
         let mean: f64 = (0..s).map(|j| shares[j] * (0..l).map(|i| v[i] * f64::from(k[i][j])).sum::<f64>()).sum();
         let epsilon = BACKGROUND * mean.max(1e-30);
         let mut z = DMatrix::<f64>::zeros(l, s);

@@ -1,17 +1,17 @@
 //! `exp` of a non-positive number, written so that a loop over it vectorises.
 //!
-//! exp(x) = 2^(x log₂e) = 2^i · 2^f with a polynomial on |f| ≤ ½. The relative error is below 3e-7, that of
-//! [`exp64`] below 4e-16. The system's functions are as accurate, but take a call per value: passes over `[A B]`
-//! would be four to eight times as slow, and their results would differ between systems. Cost: about 15
-//! multiplications and additions, no memory.
+//! exp(x) = 2^(x log₂e) = 2^i · 2^f with a polynomial on |f| ≤ ½. The relative error is below 3e-7, that of [`exp64`]
+//! below 4e-16. The system's functions are as accurate, but need a call per value: passes over `[A B]` would be four to
+//! eight times as slow, and results would differ between systems. Cost: about 15 multiplications and additions, no
+//! memory.
 
-/// exp(x) for x ≤ 0. Below −87 it stays at e^−87 ≈ 1.6e-38, which is as good as 0. The result for positive
-/// x or NaN is unspecified.
+/// exp(x) for x ≤ 0. Below −87 the result stays at e^−87 ≈ 1.6e-38, practically 0. The result for positive x or NaN is
+/// unspecified.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
     let x = if x < -87. { -87. } else { x };
     let t = x * std::f32::consts::LOG2_E;
-    // Rounding by the magic number 1.5 · 2²³: adds, no calls.
+    // Rounding by the magic number 1.5 · 2²³: two additions, no call.
     let magic = 12_582_912f32;
     let rounded = t + magic;
     let i = rounded - magic;
@@ -39,7 +39,7 @@ pub fn exp64(x: f64) -> f64 {
     let magic = 6_755_399_441_055_744f64;
     let rounded = t * std::f64::consts::LOG2_E + magic;
     let i = rounded - magic;
-    // In two steps of ln 2: the first has so few digits that its product with i is exact.
+    // ln 2 is subtracted in two parts: the first has so few digits that its product with i is exact.
     let r = t - i * 0.693_147_180_369_123_8 - i * 1.908_214_929_270_587_7e-10;
     let mut p = FACTORS[0];
     for factor in &FACTORS[1..] {

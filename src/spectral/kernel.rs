@@ -1,7 +1,7 @@
 //! Kernels: from distance to affinity.
 //!
 //! Rows of distances become affinities in `f32`, in loops that vectorise ([`Kernel::apply`]); the l × l problems of the
-//! landmarks are computed in `f64` ([`Kernel::of`]). Cost: some ten operations a distance, no memory.
+//! landmarks use `f64` ([`Kernel::of`]). Cost: some ten operations per distance, no memory.
 
 use super::exp::{exp, exp64};
 use crate::base::simd::{SimdKernel, dispatch};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 const ROOT_3: f64 = 1.732_050_807_568_877_2;
 
-/// How a distance d becomes an affinity, given the width σ.
+/// The function from a distance d to an affinity, given the width σ.
 ///
 /// The Gaussian of geodesic distances is not positive semi-definite (30–48 of 100 eigenvalues of A
 /// were negative on real meshes); the exponential nearly is.
@@ -29,7 +29,7 @@ pub enum Kernel {
     },
     /// 1/√(1 + d²/σ²).
     InverseMultiquadric,
-    /// (1 + √3 d/σ) exp(−√3 d/σ), Matérn's of order 3/2: smooth at 0, with a tail as the exponential's.
+    /// (1 + √3 d/σ) exp(−√3 d/σ), Matérn's kernel of order 3/2: smooth at 0, with an exponential tail.
     Matern,
     /// 1/(1 + d²/σ²).
     Cauchy,
@@ -49,10 +49,10 @@ impl Kernel {
         }
     }
 
-    /// Turns `distances` into affinities, item by item; `out` has the same length. An infinite distance becomes 0, or
-    /// what is as good as 0 where the kernel has an [`exp`]: below 2e-36.
+    /// Converts `distances` to affinities, item by item; `out` has the same length. An infinite distance becomes 0, or,
+    /// for kernels that use [`exp`], less than 2e-36.
     pub fn apply(&self, sigma: f32, distances: &[f32], out: &mut [f32]) {
-        // Finite whatever σ, so that a distance of 0 never meets an infinite factor.
+        // Finite for any σ, so that a distance of 0 is never multiplied by infinity.
         let inverse = if sigma > 0. { (1. / sigma).min(f32::MAX) } else { 0. };
         dispatch(Applied { kernel: *self, inverse, distances, out });
     }
@@ -73,16 +73,15 @@ impl Kernel {
         }
     }
 
-    /// Whether A of geodesic distances is positive but for rounding and a few eigenvalues, so that a Cholesky
-    /// factorisation of it means something.
+    /// Whether A of geodesic distances is positive up to rounding and a few eigenvalues, so that its Cholesky
+    /// factorisation is meaningful.
     pub fn nearly_positive(&self) -> bool {
         matches!(self, Self::Exponential)
     }
 
-    /// Eigenvalues up to this share of the greatest are dropped from A: what rounding and indefiniteness leave
-    /// there is noise (measured in `f32` data). With 1e-6 instead of 1e-3 for the exponential, samples of 40 and
-    /// more had residuals of up to 17 times as much: small eigenvalues that A's indefiniteness leaves positive are
-    /// no better than negative ones.
+    /// Eigenvalues of A up to this share of the greatest are dropped: below it, rounding and indefiniteness leave only
+    /// noise (measured with `f32` data). With 1e-6 instead of 1e-3 for the exponential, samples of 40 and more had up
+    /// to 17 times the residual: small eigenvalues that happen to be positive are no better than negative ones.
     pub fn tolerance(&self, l: usize) -> f64 {
         match self {
             Self::Exponential => 1e-3,
@@ -131,7 +130,7 @@ impl SimdKernel for Applied<'_> {
             }
             Kernel::Matern => {
                 for (k, &d) in out.iter_mut().zip(distances) {
-                    // Beyond 87 the exponential stays as it is; the bound keeps infinity from meeting it.
+                    // Beyond 87 the exponential is constant; the bound avoids infinity times zero.
                     let r = (d * inverse * ROOT_3 as f32).min(100.);
                     *k = (1. + r) * exp(-r);
                 }

@@ -1,18 +1,18 @@
-//! Eigenfunctions of the Laplace–Beltrami operator on a mesh of any size, among combinations of local functions.
+//! Eigenfunctions of the Laplace–Beltrami operator on a mesh of any size, as combinations of local functions.
 //!
-//! On a large mesh the eigenproblem of all vertices is too large, and its low functions are smooth: combinations f = W
-//! c of s local functions (a row of W per vertex, of sum 1) come close. Among these the Dirichlet energy fᵀ L f is
-//! stationary, for a given fᵀ A f, where Wᵀ L W c = μ Wᵀ A W c: a dense problem of size s (Magnet and Ovsjanikov
-//! 2023, *Scalable and Efficient Functional Map Computations on Dense Meshes*). If every vertex has a local function of
-//! its own, that is the whole problem.
+//! On a large mesh the eigenproblem over all vertices is too large, but its low-frequency functions are smooth:
+//! combinations f = W c of s local functions (a row of W per vertex, of sum 1) approximate them well. Among these, the
+//! Dirichlet energy fᵀ L f is stationary for a given fᵀ A f if Wᵀ L W c = μ Wᵀ A W c: a dense problem of size s (Magnet
+//! and Ovsjanikov 2023, *Scalable and Efficient Functional Map Computations on Dense Meshes*). If every vertex has a
+//! local function of its own, this is the full problem.
 //!
-//! L has the cotangents of triangles, computed from lengths of edges. A triangle without area, or nearly so, gets
-//! slightly longer edges first (Sharp and Crane 2020, *A Laplacian for Nonmanifold Triangle Meshes*), and each
-//! triangle adds an energy of its own that is not negative. So neither slivers nor edges of three triangles do harm.
-//! Open edges are left free.
+//! L uses the cotangents of triangles, computed from edge lengths. The edges of a degenerate or nearly degenerate
+//! triangle are lengthened slightly first (Sharp and Crane 2020, *A Laplacian for Nonmanifold Triangle Meshes*), and
+//! the energy of each triangle is non-negative. So neither slivers nor edges of three triangles do harm. Open edges
+//! have natural boundary conditions.
 //!
-//! Cost: one pass over vertices, the square of the local functions at a vertex each; 16 s² bytes for each part of
-//! [`MOST_CHUNKS`] that is under way; a dense eigenproblem of size s.
+//! Cost: one pass over vertices, at each the square of the number of its local functions; 16 s² bytes for each of up to
+//! [`MOST_CHUNKS`] chunks in progress; a dense eigenproblem of size s.
 
 use crate::base::Result;
 use crate::base::eigen;
@@ -23,13 +23,14 @@ use crate::graph::VertexGraph;
 use crate::store::Run;
 use nalgebra::DMatrix;
 
-/// Vertices per chunk at least.
+/// Minimum number of vertices per chunk.
 const CHUNK: usize = 1 << 13;
-/// Chunks at the most.
+/// Maximum number of chunks.
 const MOST_CHUNKS: usize = 64;
-/// By how much two edges of a triangle are longer than the third, at least, in mean edges of the triangle.
+/// Minimum by which the sum of two edges of a triangle exceeds the third, relative to the mean edge of the triangle.
 const SLACK: f64 = 1e-4;
-/// Part of the greatest diagonal of Wᵀ A W that is added to it, since neighbouring functions are nearly dependent.
+/// Share of the greatest diagonal element of Wᵀ A W that is added to its diagonal, since neighbouring functions are
+/// nearly dependent.
 const RIDGE: f64 = 1e-11;
 
 /// Half the cotangents of the angles of a triangle opposite its edges of `lengths`.
@@ -77,12 +78,12 @@ impl SimdKernel for AddOuter<'_> {
     }
 }
 
-/// What a thread needs for one vertex.
+/// A thread's buffers for one vertex.
 #[derive(Default)]
 struct Scratch {
     own: Vec<(u32, f64)>,
     other: Vec<(u32, f64)>,
-    /// (neighbour, weight), a neighbour once per triangle.
+    /// (neighbour, weight), with a neighbour once per triangle.
     edges: Vec<(u32, f64)>,
     dense: Vec<f64>,
     columns: Vec<u32>,
@@ -90,7 +91,7 @@ struct Scratch {
 }
 
 impl Scratch {
-    /// The sparse vector in `dense` at `columns`, which becomes 0 again.
+    /// Extracts the sparse vector in `dense` at `columns`, which is reset to 0.
     fn gather(&mut self) {
         self.columns.sort_unstable();
         self.columns.dedup();
@@ -102,7 +103,7 @@ impl Scratch {
 }
 
 /// Up to `count` of the least eigenvalues, in units of 1/area, and their functions (s × r) as combinations of `size`
-/// local functions; `row(v, out)` gives those at vertex v with their values.
+/// local functions; `row(v, out)` returns the local functions at vertex v with their values.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -131,7 +132,7 @@ pub fn eigenfunctions(
             if scratch.edges.is_empty() {
                 continue;
             }
-            // (L W) at v.
+            // Row v of L W.
             scratch.columns.clear();
             let sum: f64 = scratch.edges.iter().map(|(_, w)| w).sum();
             for &(j, w) in &scratch.own {
@@ -168,7 +169,7 @@ pub fn eigenfunctions(
     Ok(generalised(energy, mass, count))
 }
 
-/// The neighbours of `v`, each once, and the cotangent weights of the edges to them.
+/// The distinct neighbours of `v`, with the cotangent weights of the edges to them.
 fn edges_of(graph: &VertexGraph, v: usize, edges: &mut Vec<(u32, f64)>) {
     edges.clear();
     let at = |v: u32| wide(graph.nodes[v as usize].centroid);
@@ -207,7 +208,7 @@ pub(crate) fn generalised(energy: DMatrix<f64>, mass: DMatrix<f64>, count: usize
     // L⁻¹ S L⁻ᵀ.
     let half = lower.solve_lower_triangular(&energy).unwrap_or(energy);
     let inner = lower.solve_lower_triangular(&half.transpose()).unwrap_or(half);
-    // The greatest of the negative come first.
+    // The greatest of the negated values come first.
     let (values, vectors) = eigen::symmetric(-inner);
     let r = count.min(s);
     let vectors = lower.tr_solve_lower_triangular(&vectors.columns(0, r).into_owned());

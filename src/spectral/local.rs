@@ -1,14 +1,14 @@
-//! A basis of smooth functions on a mesh of any size: Nyström's extension of a narrow kernel, of which a sample
-//! sees only its neighbours.
+//! A basis of smooth functions on a mesh of any size: Nyström's extension with a kernel so narrow that a sample affects
+//! only its neighbourhood.
 //!
-//! Under a Gaussian as wide as samples are apart, the affinities W between s samples and n vertices are sparse, and the
-//! eigenvectors of the diffusion between samples, D⁻¹ W diag(m), approximate those of the Laplace–Beltrami operator
-//! (Coifman and Lafon 2006, *Diffusion maps*): as many independent smooth functions as one asks for, while a few full
-//! rows can only give as many as there are rows. They are extended to all vertices as in eq. 2 of the paper, f(v) = Σ_j
-//! w_vj m_j f_j / (λ Σ_j w_vj m_j), and made orthonormal under the measure of area.
+//! Under a Gaussian whose width is the distance between samples, the affinities W between s samples and n vertices are
+//! sparse, and the eigenvectors of the diffusion between samples, D⁻¹ W diag(m), approximate those of the
+//! Laplace–Beltrami operator (Coifman and Lafon 2006, *Diffusion maps*). This gives any number of independent smooth
+//! functions, while a few full rows give only as many as there are rows. They are extended to all vertices as in eq. 2
+//! of the paper, f(v) = Σ_j w_vj m_j f_j / (λ Σ_j w_vj m_j), and orthonormalised by area.
 //!
-//! m_j is the area that sample j stands for: each vertex's area is shared among the samples near it in proportion to
-//! their affinities. So neither the density of vertices nor that of samples shows.
+//! m_j is the area that sample j represents: each vertex's area is shared among the samples near it in proportion to
+//! their affinities. So the result depends neither on the density of vertices nor on that of samples.
 //!
 //! Cost: an eigenproblem of the size of the sample (600: a second); two passes over [`LocalRows`], r multiplications
 //! per entry; 4 r bytes per vertex on disk.
@@ -26,15 +26,15 @@ use nalgebra::DMatrix;
 
 /// Vertices per chunk.
 const CHUNK: usize = 1 << 12;
-/// Chunks whose moments are held at a time.
+/// Maximum number of chunks whose moments are stored.
 const MOST_CHUNKS: usize = 256;
-/// Eigenvalues of diffusion below this are noise.
+/// Eigenvalues of the diffusion below this are noise.
 const LEAST: f64 = 1e-3;
 
-/// Functions on the vertices of a mesh, orthonormal by area.
+/// Functions on the vertices of a mesh, orthonormal with respect to area.
 #[derive(Clone, Debug)]
 pub struct LocalBasis {
-    /// Functions r.
+    /// Number of functions r.
     pub count: usize,
     /// Frequencies (r), ascending from 0: −ln λ of the diffusion, or eigenvalues of the Laplacian in units of 1/area.
     pub frequencies: Vec<f64>,
@@ -84,7 +84,7 @@ impl SimdKernel for AddMoments<'_> {
     }
 }
 
-/// A Gaussian of width `sigma` around each sample of `rows`, and the share of area that each sample stands for (s).
+/// A Gaussian of width `sigma` around each sample of `rows`, and the share of area that each sample represents (s).
 struct Gaussians<'a> {
     rows: &'a LocalRows,
     nodes: &'a [Node],
@@ -98,7 +98,7 @@ impl<'a> Gaussians<'a> {
         Ok(Self { rows, nodes, sigma, mass })
     }
 
-    /// The functions Σ_j w_vj `factors`_jk / Σ_j w_vj `mass`_j at all vertices, made orthonormal by area in this order.
+    /// The functions Σ_j w_vj `factors`_jk / Σ_j w_vj `mass`_j at all vertices, orthonormalised by area in this order.
     fn extend(&self, factors: &[f64], frequencies: Vec<f64>, name: &str, context: Context<'_>) -> Result<LocalBasis> {
         let Self { rows, nodes, sigma, mass } = self;
         let (n, r, run) = (rows.nodes(), frequencies.len(), context.run);
@@ -116,7 +116,7 @@ impl<'a> Gaussians<'a> {
             }
         };
         let mut array = context.work.array::<f32>(name, &[n, r])?;
-        // Each chunk's moments are kept until all are there.
+        // The moments of all chunks are kept until the end.
         let chunk = CHUNK.max(n.div_ceil(MOST_CHUNKS));
         let moments = |k: usize, values: &mut [f32], row: &mut Vec<f64>| {
             row.resize(r, 0.);
@@ -138,7 +138,7 @@ impl<'a> Gaussians<'a> {
                 }
             }
         }
-        // Cholesky keeps the order: function k is a combination of the first k.
+        // Cholesky preserves the order: function k is a combination of the first k.
         let columns = orthonormaliser(gram);
         let turn = |_: usize, values: &mut [f32], row: &mut Vec<f64>| {
             for out in values.chunks_exact_mut(r.max(1)) {
@@ -156,7 +156,7 @@ impl<'a> Gaussians<'a> {
     }
 }
 
-/// The share of area that each sample stands for (s).
+/// The share of area that each sample represents (s).
 fn masses(rows: &LocalRows, nodes: &[Node], sigma: f64, run: &Run) -> Result<Vec<f64>> {
     let (n, s, share) = (rows.nodes(), rows.samples.len(), area_shares(nodes));
     let mut mass = vec![0f64; s];
@@ -180,13 +180,13 @@ fn masses(rows: &LocalRows, nodes: &[Node], sigma: f64, run: &Run) -> Result<Vec
             Ok(())
         },
     )?;
-    // A sample whose area has gone to others still must not vanish.
+    // A sample left without area must still have a positive mass.
     mass.iter_mut().for_each(|m| *m = m.max(1e-9 / s as f64));
     Ok(mass)
 }
 
 impl LocalBasis {
-    /// Up to `count` functions on vertices of the areas in `nodes`, from a Gaussian of width `sigma` (units of the
+    /// Up to `count` functions on vertices with the areas in `nodes`, from a Gaussian of width `sigma` (units of the
     /// graph) over `rows`, in the file `name` of `context`.
     ///
     /// # Errors
@@ -217,7 +217,7 @@ impl LocalBasis {
         values.truncate(count.min(s));
         let r = values.iter().take_while(|&&value| value > LEAST).count();
         values.truncate(r);
-        // What an entry's affinity is multiplied by: m_j f_j / λ.
+        // The factor for an entry's affinity: m_j f_j / λ.
         let factor = |j: usize, k: usize| mass[j] * vectors[(j, k)] / (mass[j] * degree[j]).sqrt() / values[k];
         let factors: Vec<f64> = (0..s).flat_map(|j| (0..r).map(move |k| (j, k))).map(|(j, k)| factor(j, k)).collect();
         let frequencies = values.iter().map(|value| -libm::log(value.min(1.))).collect();
@@ -256,7 +256,7 @@ impl LocalBasis {
         gaussians.extend(&factors, frequencies, name, context)
     }
 
-    /// The functions at the first `n` vertices alone, in the file `name` of `context` if there are more.
+    /// The functions restricted to the first `n` vertices, in the file `name` of `context` if there are more.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`].
@@ -277,7 +277,7 @@ impl LocalBasis {
     }
 }
 
-/// L⁻¹ of `gram` = L Lᵀ, column by column (r × r); of L Lᵀ + εI where it is singular.
+/// L⁻¹ for `gram` = L Lᵀ, column by column (r × r); for L Lᵀ + εI if it is singular.
 fn orthonormaliser(gram: DMatrix<f64>) -> Vec<f64> {
     let r = gram.nrows();
     let mut ridge = 0.;

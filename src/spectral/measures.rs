@@ -1,17 +1,18 @@
-//! How good a sample is: Γ and its relatives from `[A B]` (§5 of the paper), and true errors on small sets.
+//! The quality of a sample: Γ and related measures from `[A B]` (§5 of the paper), and true errors on small sets.
 //!
-//! With the kept eigenpairs (λ_e, u_e) of A and w̃_jj = Σ_e (u_eᵀB_j)²/λ_e, affinities of 1 on the diagonal:
-//! - Γ = tr(BᵀA⁻¹B) (eq. 6, with the truncated pseudo-inverse) = Σ_j w̃_jj over the m = n − l nodes
-//!   that are no landmarks;
-//! - Γ* = Σ_j (1 − |1 − w̃_jj|): the same for positive kernels; for others overshoot counts against, not for;
+//! With the kept eigenpairs (λ_e, u_e) of A, w̃_jj = Σ_e (u_eᵀB_j)²/λ_e, and affinities of 1 on the diagonal:
+//! - Γ = tr(BᵀA⁻¹B) (eq. 6, with the truncated pseudo-inverse) = Σ_j w̃_jj over the m = n − l nodes that are not
+//!   landmarks;
+//! - Γ* = Σ_j (1 − |1 − w̃_jj|): equal to Γ for positive kernels; for others, overshoot counts as an error rather than
+//!   a gain;
 //! - held-out residual (Σ_h ‖w_h − w̃_h‖² / Σ_h ‖w_h‖²)^½ over random columns h whose affinities are known.
 //!
-//! [`measure`] takes them all in `f64`; [`Gamma`] sums Γ in `f32` beside another pass over the columns. One pass,
-//! O(n l²), each; C is never formed.
+//! [`measure`] computes all of them in `f64`; [`Gamma`] accumulates Γ in `f32` during another pass over the columns.
+//! One pass, O(n l²), each; C is never formed.
 //!
 //! [`exact`] compares with all of W: the norms of the Schur complement C − BᵀA⁺B, the residual, the angles between
-//! approximated and true eigenvectors. Memory: a few n × n matrices in `f64`; O(n³): seconds at a thousand nodes,
-//! minutes at four thousand.
+//! approximated and true eigenvectors. Memory: a few n × n matrices in `f64`; O(n³): seconds for a thousand nodes,
+//! minutes for four thousand.
 
 use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
 use super::kernel::Kernel;
@@ -24,7 +25,7 @@ use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-/// Numbers that tell how good a sample is.
+/// Measures of the quality of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Measures {
     /// Γ.
@@ -33,9 +34,9 @@ pub struct Measures {
     pub gamma_per_node: f64,
     /// Γ*.
     pub gamma_star: f64,
-    /// Greatest w̃_jj; above 1 only where the kernel is not positive, or by rounding.
+    /// Greatest w̃_jj; above 1 only if the kernel is not positive, or by rounding.
     pub greatest: f64,
-    /// Held-out residual, where columns were held out.
+    /// Held-out residual, if columns were held out.
     pub held_out: Option<f64>,
     /// Σ|λ < 0| / Σ|λ| of A.
     pub negative_mass: f64,
@@ -45,8 +46,8 @@ pub struct Measures {
     pub dropped: usize,
 }
 
-/// Measures `block`, of affinities that are 1 on the diagonal. `held_out`, where given, is a block of the held-out
-/// columns' own rows over the same nodes. `tolerance`: see [`KeptEigenpairs::of`].
+/// Measures `block`, whose affinities are 1 on the diagonal. `held_out`, if given, is a block of the held-out columns'
+/// own rows over the same nodes. `tolerance`: see [`KeptEigenpairs::of`].
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -105,13 +106,13 @@ pub fn measure(
     })
 }
 
-/// Γ's quadratic form, ready for columns.
+/// The quadratic form of Γ, to be evaluated on columns.
 #[derive(Clone, Debug)]
 pub struct Gamma {
     /// uᵉ/√λ_e of the kept eigenpairs: rows of l.
     roots: Vec<f32>,
     l: usize,
-    /// w̃ of the landmarks themselves, to be taken off the sum.
+    /// Σ w̃_jj over the landmarks themselves, to be subtracted from the sum.
     landmarks: f64,
 }
 
@@ -127,7 +128,7 @@ impl Gamma {
         Self { roots, l, landmarks }
     }
 
-    /// Σ w̃_jj over a chunk of `m` columns, whose affinities (l rows of m) [`super::Embedding::chunk`] leaves.
+    /// Σ w̃_jj over a chunk of `m` columns, whose affinities (l rows of m) come from [`super::Embedding::chunk`].
     pub fn chunk(&self, m: usize, affinities: &[f32]) -> f64 {
         dispatch(SquaredNorms { roots: &self.roots, l: self.l, m, affinities })
     }
@@ -138,15 +139,15 @@ impl Gamma {
     }
 }
 
-/// Roots that are multiplied side by side.
+/// Number of roots processed in parallel lanes.
 const LANES: usize = 16;
-/// Columns whose squares are added up before they are added to the rest.
+/// Columns whose squares are summed before they are added to the total.
 const BLOCK: usize = 64;
 
 /// Σ_e Σ_j (uᵉᵀB_j/√λ_e)² over `m` columns, in the order of roots, then of blocks of columns, for [`dispatch`].
 ///
-/// In `f32`, squares of a block add up one after another: that is how Γ has always been summed. Several roots at a
-/// time, each in a lane of its own, none waits for another.
+/// In `f32`, the squares of a block are added one after another, which fixes the bits of Γ. Several roots are processed
+/// at once, each in its own lane, so that none waits for another.
 struct SquaredNorms<'a> {
     /// Rows of l.
     roots: &'a [f32],
@@ -192,14 +193,14 @@ impl SimdKernel for SquaredNorms<'_> {
     }
 }
 
-/// True measures of an approximation.
+/// True errors of an approximation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrueErrors {
     /// Frobenius norm of the Schur complement.
     pub frobenius: f64,
     /// Its spectral norm.
     pub spectral: f64,
-    /// Its nuclear norm: m − Γ where the kernel is positive and nothing was dropped.
+    /// Its nuclear norm: m − Γ if the kernel is positive and nothing was dropped.
     pub nuclear: f64,
     /// ‖W − W̄‖ / ‖W‖, Frobenius.
     pub residual: f64,
@@ -208,7 +209,7 @@ pub struct TrueErrors {
     pub angles: Vec<f64>,
 }
 
-/// BᵀA⁺B over all nodes (n × n), in one piece.
+/// BᵀA⁺B over all nodes (n × n), as one matrix.
 pub fn approximation(block: &dyn SampledBlock, tolerance: f64) -> DMatrix<f64> {
     let n = block.nodes();
     let mut columns = vec![0.; block.len() * n];
@@ -217,7 +218,7 @@ pub fn approximation(block: &dyn SampledBlock, tolerance: f64) -> DMatrix<f64> {
     &f * f.transpose()
 }
 
-/// The Schur complement's norms alone: Frobenius, spectral, nuclear. `w` (n × n) are all affinities.
+/// Only the norms of the Schur complement: Frobenius, spectral, nuclear. `w` (n × n) are all affinities.
 pub fn schur_norms(w: &DMatrix<f64>, block: &dyn SampledBlock, tolerance: f64) -> [f64; 3] {
     let error = w - approximation(block, tolerance);
     let others: Vec<usize> = (0..w.nrows()).filter(|&j| !block.landmarks().contains(&(j as u32))).collect();
@@ -269,8 +270,8 @@ pub fn angles(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Vec<f64> {
     angles
 }
 
-/// The `k` greatest eigenvalues of `w`, descending, and their eigenvectors, out of the k + 10 eigenpairs of greatest
-/// absolute value, by subspace iteration: n² k a step.
+/// The `k` greatest eigenvalues of `w`, descending, and their eigenvectors, chosen from the k + 10 eigenpairs of
+/// greatest absolute value, by subspace iteration: n² k per step.
 pub fn leading(w: &DMatrix<f64>, k: usize) -> (Vec<f64>, DMatrix<f64>) {
     const MORE: usize = 10;
     const STEPS: usize = 300;
@@ -292,7 +293,7 @@ pub fn leading(w: &DMatrix<f64>, k: usize) -> (Vec<f64>, DMatrix<f64>) {
     (values[..k.min(size)].to_vec(), basis * q.columns(0, k.min(size)))
 }
 
-/// Relative error of the coordinates `found` (n × d) against `truth` after the best rotation between them, nodes
+/// Relative error of the coordinates `found` (n × d) against `truth` after the best rotation between them, with nodes
 /// weighted by `weights` (n).
 pub fn aligned_error(truth: &DMatrix<f64>, found: &DMatrix<f64>, weights: &[f64]) -> f64 {
     let weigh = |x: &DMatrix<f64>| {
@@ -315,7 +316,7 @@ pub fn aligned_error(truth: &DMatrix<f64>, found: &DMatrix<f64>, weights: &[f64]
 mod tests {
     use super::*;
 
-    /// Root after root, column after column.
+    /// Reference: root by root, column by column.
     fn one_by_one(roots: &[f32], l: usize, m: usize, affinities: &[f32]) -> f64 {
         let mut total = 0f64;
         for root in roots.chunks_exact(l) {

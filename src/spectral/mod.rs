@@ -1,8 +1,8 @@
-//! From rows of distances to an embedding: kernels, Nyström's extension, how good a sample is.
+//! From rows of distances to an embedding: kernels, Nyström's extension, and the quality of a sample.
 //!
-//! Everything here is a function of the sampled block `[A B]`; C, the block of all other pairs, is never formed.
-//! Fits run on a constant number of columns ([`SampledColumns`]); what covers every face streams over
-//! chunks of columns ([`Embedding::chunk`]). Which embedding serves whom:
+//! Everything here is a function of the sampled block `[A B]`; C, the block of all other pairs, is never formed. Fits
+//! use a constant number of columns ([`SampledColumns`]); what concerns every face streams over chunks of columns
+//! ([`Embedding::chunk`]). The embeddings and their uses:
 //! - [`embedding`]: the paper's segmentation and its sequences, over faces, in `f32`;
 //! - [`anchor`]: the decision about parts, over cells, in `f64`;
 //! - [`nystrom`]: the start of correspondence, over vertices, and the study of sampling and kernels;
