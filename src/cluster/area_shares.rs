@@ -1,17 +1,16 @@
-//! The share of the surface that each face has, 0 in tiny components; seeds and sums weighted by these shares.
+//! The share of the surface area that each face has, 0 in tiny components; seeds and sums weighted by these shares.
 //!
 //! Components below [`TINY`] of the area, and far smaller than the largest, are tiny: scanning debris that must not
-//! become seeds, cells or parts. Hundreds of components of about one size are no debris. Their faces have the share 0.
-//! Bridges join them to the rest, so they take the label of what they float beside. Lengths scale with the shares: in
-//! units of √(area without tiny components), the same shape has the same size at every resolution.
+//! become seeds, cells or parts. Hundreds of components of similar size are not debris. Faces of tiny components have
+//! the share 0. Bridges join them to the rest, so they get the label of what is next to them. Lengths scale with the
+//! shares: in units of √(area without tiny components), the same shape has the same size at every resolution.
 //!
-//! [`spread_seeds`] takes one seed per equal quantum of area along the order of the nodes: as good as
-//! farthest points for cells (measured), for the cost of one pass. [`surface_sums`] adds up areas, centroids
-//! and normals of cells, micro-cells and contracted nodes; few blocks of nodes are summed side by side, since
-//! each holds all classes (72 bytes per class and block), and added up in their order, so that the number of
-//! threads does not change the result.
+//! [`spread_seeds`] takes one seed per equal quantum of area along the order of the nodes: as good as farthest points
+//! for cells (measured), for the cost of one pass. [`surface_sums`] adds up areas, centroids and normals of cells,
+//! micro-cells and contracted nodes. Since each block of nodes holds sums of all classes (72 bytes per class), only few
+//! blocks are summed in parallel; they are added in order, so that the number of threads does not change the result.
 //!
-//! Cost: one pass over the nodes each; shares take 4 bytes per node on disk.
+//! Cost: one pass over the nodes for each; shares take 4 bytes per node on disk.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -24,25 +23,25 @@ use std::ops::Range;
 
 /// Components below this share of the area are tiny …
 pub const TINY: f64 = 0.005;
-/// … if they are below this share of the largest as well.
+/// … if they are also below this share of the largest.
 const BESIDE_LARGEST: f64 = 0.1;
-/// Least share of a face, in mean shares: no face is so small that it counts nothing.
+/// Minimum share of a face, relative to the mean: no face counts for nothing.
 const FLOOR: f64 = 1e-4;
 const CHUNK: usize = 1 << 15;
 
-/// Shares of the faces, 0 in tiny components, and the shape's unit. They sum to 1 but for floored ones.
+/// Area shares of the faces, 0 in tiny components, and the unit of length. They sum to 1 except for the minimum share.
 #[derive(Clone, Debug)]
 pub struct AreaShares {
-    /// Share of each node (n). Empty where they are computed from the geometry.
+    /// Share of each node (n). Empty if they are computed from the geometry.
     stored: MappedSlice<f32>,
     computed: Option<(NodeGeometry, FromArea)>,
-    /// Factor from the frame's lengths to units of √(area).
+    /// Factor from lengths in the frame to units of √(area).
     pub unit: f32,
     /// Nodes in tiny components.
     pub tiny_nodes: u64,
 }
 
-/// How an area becomes a share.
+/// The conversion from area to share.
 #[derive(Clone, Copy, Debug)]
 struct FromArea {
     scale: f64,
@@ -57,8 +56,8 @@ impl FromArea {
 }
 
 impl AreaShares {
-    /// Computes the shares. They are stored as `surface_shares.npy`, except those of a graph in one component whose
-    /// geometry is computed at each look.
+    /// Computes the shares. They are stored as `surface_shares.npy`, unless the graph has a single component and its
+    /// geometry is computed at each access.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -68,7 +67,7 @@ impl AreaShares {
         let (total, tiny_nodes) = tiny.as_ref().map_or((graph.facts.area, 0), |tiny| (tiny.rest, tiny.nodes));
         let tiny = tiny.filter(|tiny| tiny.nodes > 0);
         let real = n as u64 - tiny_nodes;
-        // All faces degenerate: each counts the same.
+        // If all faces are degenerate, each counts the same.
         let even = total <= 0.;
         let scale = if even { 0. } else { 1. / total };
         let least = if even { 1. / real.max(1) as f64 } else { FLOOR / real.max(1) as f64 };
@@ -94,12 +93,12 @@ impl AreaShares {
         Ok(Self::of_array(array.finish(false)?, unit, tiny_nodes))
     }
 
-    /// Shares that were stored before (n), and what was found with them.
+    /// Shares that were stored before (n), with the other fields.
     pub fn of_array(stored: MappedSlice<f32>, unit: f32, tiny_nodes: u64) -> Self {
         Self { stored, computed: None, unit, tiny_nodes }
     }
 
-    /// Whether the shares are computed at each look.
+    /// Whether the shares are computed at each access.
     pub fn is_computed(&self) -> bool {
         self.computed.is_some()
     }
@@ -114,13 +113,13 @@ impl AreaShares {
         self.len() == 0
     }
 
-    /// The share of the node `at`, whose geometry `node` gives.
+    /// The share of the node number `at` with geometry `node`.
     #[inline]
     pub(super) fn of_node(&self, at: usize, node: &Node) -> f32 {
         self.computed.as_ref().map_or_else(|| self.stored[at], |(_, from)| from.share(node.area))
     }
 
-    /// Shows the shares of the nodes `range` to `see`, in order.
+    /// Calls `see` with the shares of the nodes `range`, in order.
     pub(super) fn each(&self, range: Range<usize>, mut see: impl FnMut(f32)) {
         match &self.computed {
             None => self.stored[range].iter().for_each(|&share| see(share)),
@@ -135,11 +134,11 @@ impl AreaShares {
     }
 }
 
-/// Which components are tiny, where there are several.
+/// Which components are tiny, if there are several.
 struct TinyComponents<'a> {
     root: &'a [u32],
     several: Several,
-    /// 1 for each component that is tiny.
+    /// 1 for each tiny component.
     tiny: ArrayMut<u8>,
     /// Nodes in tiny components.
     nodes: u64,
@@ -167,7 +166,7 @@ impl<'a> TinyComponents<'a> {
         Ok(Some(Self { root, several, tiny, nodes, rest }))
     }
 
-    /// Whether `node` is in a tiny component; `near` is the number of an earlier node's.
+    /// Whether `node` is in a tiny component; `near` is the component number of an earlier node.
     #[inline]
     fn has(&self, node: usize, near: &mut usize) -> bool {
         *near = self.several.number(self.root[node], *near);
@@ -175,22 +174,22 @@ impl<'a> TinyComponents<'a> {
     }
 }
 
-/// Mean number of seeds in a block of nodes.
+/// Mean number of seeds per block of nodes.
 const SEEDS_PER_BLOCK: usize = 16;
 
-/// What a block of nodes has drawn.
+/// The result of drawing in a block of nodes.
 struct Drawn {
     nodes: Vec<u32>,
-    /// Points that were drawn; several may fall into one node.
+    /// Number of points drawn; several may fall into one node.
     points: usize,
     /// Nodes whose share is not 0.
     eligible: usize,
     share: f64,
 }
 
-/// About `count` nodes whose share is not 0, ascending, one per equal quantum of area; all such nodes where
-/// they are no more than `count`. Each block of nodes draws by itself, so faces of another size change the
-/// seeds of their own block alone.
+/// About `count` nodes with a positive share, ascending, one per equal quantum of area; all such nodes if there are no
+/// more than `count`. Each block of nodes is drawn independently, so faces of another size change only the seeds of
+/// their own block.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -210,7 +209,7 @@ pub fn spread_seeds(shares: &AreaShares, count: usize, purpose: &str, run: &Run)
         let nodes = drawn.into_iter().map(|(node, _)| (k * block) as u32 + node).collect();
         Drawn { nodes, points, eligible, share }
     };
-    // All shares make 1 or little more: with that, one pass over the geometry does for nearly all blocks.
+    // All shares sum to 1 or slightly more; assuming 1, one pass over the geometry suffices for nearly all blocks.
     let mut blocks = run.map_chunks(chunk_count(n, block), Vec::new, |k, area| Ok(draw(k, 1., area)))?;
     if blocks.iter().map(|drawn| drawn.eligible).sum::<usize>() <= count {
         return Ok((0..n as u32).filter(|&i| shares.at(i as usize) > 0.).collect());
@@ -229,11 +228,11 @@ const BLOCKS: usize = 8;
 /// Sums over a class of nodes, in the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SurfaceSum {
-    /// Area of all nodes, also of those without a share.
+    /// Area of all nodes, including those without a share.
     pub area: f64,
     /// Area shares.
     pub share: f64,
-    /// Weights: area shares, but no less than the least weight that was asked for.
+    /// Weights: area shares, but at least the requested minimum.
     pub weight: f64,
     /// Centroids times weights.
     pub centre: [f64; 3],
@@ -242,7 +241,7 @@ pub struct SurfaceSum {
 }
 
 impl SurfaceSum {
-    /// Adds a node whose weight is `share`, but no less than `least`.
+    /// Adds a node with the weight `share`, but at least `least`.
     #[inline]
     pub(super) fn take(&mut self, node: &Node, share: f64, least: f64) {
         self.area += f64::from(node.area);
@@ -268,7 +267,7 @@ impl SurfaceSum {
         }
     }
 
-    /// The centroid; the frame's origin where nothing was summed.
+    /// The centroid; the frame's origin if nothing was summed.
     pub fn centroid(&self) -> [f64; 3] {
         self.centre.map(|x| x / self.weight.max(1e-300))
     }
@@ -280,8 +279,8 @@ impl SurfaceSum {
     }
 }
 
-/// Sums over the nodes of each of `classes` classes; nodes of a class beyond the last are left out. Nodes without a
-/// share add their area alone, unless each has a weight of `least`.
+/// Sums over the nodes of each of `classes` classes; nodes of a class beyond the last are skipped. Nodes without a
+/// share contribute only their area, unless `least` gives each a weight.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -316,8 +315,8 @@ pub fn surface_sums(
     Ok(total)
 }
 
-/// The class of each node (n) as an array `name` of two bytes per node: cells and contracted nodes are fewer than 2¹⁶.
-/// Nodes of no class, which have `u32::MAX`, get `u16::MAX`.
+/// The class of each node (n) as an array `name` of two bytes per node: there are fewer than 2¹⁶ cells or contracted
+/// nodes. Nodes without a class, which have `u32::MAX`, get `u16::MAX`.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -348,7 +347,7 @@ mod tests {
         for (k, &s) in seeds.iter().enumerate() {
             assert!((s as usize).abs_diff(k * 100) <= 101, "one in each quantum");
         }
-        // Regression: a face of another size moved all later seeds, and with them a twentieth of the labels.
+        // Regression: a face of another size moved all later seeds, which changed a twentieth of the labels.
         let mut other = share.clone();
         other[3_000] *= 3.;
         let moved: Vec<u32> = spread(&other, 100, 1).into_iter().filter(|s| !seeds.contains(s)).collect();

@@ -1,13 +1,13 @@
-//! Some two thousand geodesic Voronoi cells, the graph of cells that parts are decided on, and
-//! rows averaged over cells.
+//! Some two thousand geodesic Voronoi cells, the graph of cells on which parts are decided, and rows averaged over
+//! cells.
 //!
-//! One front from area-stratified seeds under length + .1 |turning| (.05 convex) cuts the surface into cells that
-//! follow creases; people's segmentations projected on them lose .002 of the Rand index. Where the surface is its own
-//! mirror image, seeds come in pairs of images ([`super::mirror`]). One pass sums up areas, centroids, normals, and for
-//! touching cells the length and mean turning of their common boundary.
+//! One front from area-stratified seeds under length + .1 |turning| (.05 convex) divides the surface into cells that
+//! follow creases; people's segmentations projected onto them lose .002 of the Rand index. If the surface is its own
+//! mirror image, seeds come in mirrored pairs ([`super::mirror`]). One pass sums areas, centroids and normals, and for
+//! adjacent cells the length and mean turning of their common boundary.
 //!
-//! Rows averaged over cells are B (l × S), all that deciding parts needs of `[A B]`. Rows on the cell graph alone are
-//! much worse (.15–.22 against .10 in 1 − Rand); averages of rows over all faces are not.
+//! Rows averaged over cells are B (l × S), all that deciding on parts needs of `[A B]`. Rows computed on the cell graph
+//! alone are much worse (.15–.22 against .10 in 1 − Rand); averages of rows over all faces are not.
 //!
 //! Cost: one front, 8 bytes per face while it runs and 2 that are kept, and one pass over the graph; then one
 //! sequential pass per row, which reads 10 bytes per face: cell, share and distance.
@@ -25,7 +25,7 @@ use crate::graph::{DualGraph, Node};
 use crate::store::{Context, MappedSlice, Run};
 use std::collections::BTreeMap;
 
-/// Cells of a surface.
+/// Number of cells.
 pub const CELLS: usize = 2000;
 const CHUNK: usize = 1 << 14;
 /// Cell of each face.
@@ -41,7 +41,7 @@ pub struct Cells {
     pub graph: CellGraph,
 }
 
-/// Sums over a pair of touching cells.
+/// Sums over a pair of adjacent cells.
 #[derive(Clone, Copy, Debug, Default)]
 struct BoundarySums {
     length: f64,
@@ -50,7 +50,7 @@ struct BoundarySums {
     convex04: f64,
 }
 
-/// The normals at .01, .02 and .04 that cells need.
+/// The normals smoothed at .01, .02 and .04 that cells need.
 #[derive(Clone, Copy, Debug)]
 pub struct SmoothedNormals<'a> {
     /// At .01: for the front.
@@ -62,7 +62,7 @@ pub struct SmoothedNormals<'a> {
 }
 
 impl Cells {
-    /// Cuts the surface into cells; [`OF_FACE`].
+    /// Divides the surface into cells; writes [`OF_FACE`].
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -73,7 +73,8 @@ impl Cells {
         context: Context<'_>,
     ) -> Result<Self> {
         let n = graph.nodes.len();
-        // A small mesh is its own cells. Tiny components, which count nothing, are of the cell that they float beside.
+        // In a small mesh every face is a cell, except for those of tiny components, which belong to the cell next to
+        // them.
         let seeds: Vec<u32> = if n <= CELLS {
             (0..n as u32).filter(|&node| shares.at(node as usize) > 0.).collect()
         } else {
@@ -110,7 +111,7 @@ impl Cells {
     }
 }
 
-/// Seeds that come in pairs where the surface is its own mirror image.
+/// Replaces seeds by mirrored pairs if the surface is its own mirror image.
 fn paired(graph: &DualGraph, shares: &AreaShares, normals: &Normals, seeds: Vec<u32>) -> Vec<u32> {
     let unit = f64::from(shares.unit);
     let point = |node: u32| SurfacePoint {
@@ -150,7 +151,7 @@ fn cell_graph(
     })
 }
 
-/// Length and turning of the common boundary of each pair of touching cells. Bridges are no boundary.
+/// Length and turning of the common boundary of each pair of adjacent cells. Bridges are not boundaries.
 fn borders(
     graph: &DualGraph,
     shares: &AreaShares,
@@ -204,26 +205,26 @@ pub struct CellAverages<'a> {
 }
 
 impl<'a> CellAverages<'a> {
-    /// Averages over `cells`; faces count by `shares`.
+    /// For averages over `cells`, weighted by `shares`.
     pub fn new(cells: &'a Cells, shares: &'a AreaShares) -> Self {
         let mut average = Self { cell: &cells.of_node, shares, mass: Vec::new() };
         average.mass = average.sums(cells.len(), |_| 1.);
         average
     }
 
-    /// Area means over each cell (S) of a row of distances (n); infinite where a cell is not reached.
+    /// Area-weighted means over each cell (S) of a row of distances (n); infinite if a cell is not reached.
     pub fn of(&self, row: &[f32]) -> Vec<f64> {
         let sums = self.sums(self.mass.len(), |face| f64::from(row[face]));
         sums.iter().zip(&self.mass).map(|(sum, mass)| sum / mass).collect()
     }
 
-    /// Sums of what `value` gives for each face over each of `cells` cells.
+    /// Sums of `value` of each face over each of `cells` cells.
     fn sums(&self, cells: usize, value: impl Fn(usize) -> f64) -> Vec<f64> {
         let mut sums = vec![0f64; cells];
         let mut faces = self.cell.iter().enumerate();
         self.shares.each(0..self.cell.len(), |share| {
             if let Some((face, &cell)) = faces.next() {
-                // The same floor as in the cells' own means, for cells within tiny components.
+                // The same minimum weight as in the cells' own means, for cells within tiny components.
                 sums[cell as usize] += f64::from(share).max(1e-18) * value(face);
             }
         });
@@ -231,7 +232,7 @@ impl<'a> CellAverages<'a> {
     }
 }
 
-/// Area means of each row over each cell, row-major l × S; infinite where a cell is not reached.
+/// Area-weighted means of each row over each cell, row-major l × S; infinite if a cell is not reached.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -249,9 +250,9 @@ pub fn average(rows: &DistanceRows, cells: &Cells, shares: &AreaShares, run: &Ru
     Ok(averaged.into_iter().flatten().collect())
 }
 
-/// Share of the surface that is nearest to the landmark with the most of it, from rows averaged over cells (row-major l
-/// × S) and the cells' areas (S). .54 or less on 185 of 190 models of the Princeton benchmark; .89 where all but one
-/// landmark sat in pockets of an isosurface.
+/// The largest share of the surface that is nearest to a single landmark, given rows averaged over cells (row-major l ×
+/// S) and the cells' areas (S). .54 or less on 185 of 190 models of the Princeton benchmark; .89 on an isosurface where
+/// all but one landmark sat in pockets.
 pub fn greatest_share(b: &[f64], area: &[f64]) -> f64 {
     let mut share = vec![0f64; b.len() / area.len().max(1)];
     for (cell, a) in area.iter().enumerate() {

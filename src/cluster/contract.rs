@@ -1,14 +1,14 @@
 //! Contraction: the surface as a graph of some thirty thousand nodes, on which the parts of a large mesh are decided.
 //!
-//! One front over all faces under the final weights, from area-stratified seeds; two nodes are as far apart as the
-//! shortest path between their seeds across their common boundary, min (d_i + w_ij + d_j). Rows, cells and all the rest
-//! run on that graph as they would on the faces (it is a [`DualGraph`]), in constant time: 240 rows cost less than one
-//! over five million faces. On clean meshes the result is as good as with rows over all faces (−.001 ± .005 in
-//! 1 − Rand); contracting by length alone is worse.
+//! One front over all faces under the final weights, from area-stratified seeds; the distance of two adjacent nodes is
+//! the shortest path between their seeds across their common boundary, min (d_i + w_ij + d_j). Rows, cells and
+//! everything else run on that graph as they would on the faces (it is a [`DualGraph`]), in constant time: 240 rows
+//! cost less than one over five million faces. On clean meshes the result is as good as with rows over all faces (−.001
+//! ± .005 in 1 − Rand); contracting by length only is worse.
 //!
-//! The length of a common boundary is that of its chord, |Σ oriented edges|, so that zigzag does not count; an
-//! edge's direction is taken across the line between its faces. Cost: one front, 8 bytes per face of which 2 are
-//! kept, one pass over the graph.
+//! The length of a common boundary is that of its chord, |Σ oriented edges|, so that zigzags do not count; an edge's
+//! direction is perpendicular to the line between its faces. Cost: one front, 8 bytes per face of which 2 are kept, one
+//! pass over the graph.
 
 use super::area_shares::{AreaShares, SurfaceSum, narrowed, spread_seeds, surface_sums};
 use crate::base::Result;
@@ -24,17 +24,17 @@ use crate::store::stage::{Made, Stage, key_of};
 use crate::store::{Context, MappedSlice, Run, WorkDir, npy};
 use serde_json::{Value, json};
 
-/// Nodes of the contracted graph.
+/// Number of nodes of the contracted graph.
 pub const NODES: usize = 30_000;
-/// Meshes of more faces than this are contracted. Nodes of fewer than two faces each are ragged: on the 32
-/// models of the benchmark with 30,000 to 60,000 faces 1 − Rand was .135 with rows over a contraction, and .127
-/// with as many over all faces.
+/// Meshes of more faces than this are contracted. With fewer than two faces per node, nodes are ragged: on the 32
+/// models of the benchmark with 30,000 to 60,000 faces, 1 − Rand was .135 with rows over a contraction, and .127 with
+/// the same number over all faces.
 pub const LARGE: usize = 60_000;
 const CHUNK: usize = 1 << 14;
-/// Length of a step between centroids, in gaps: what the path over a midpoint adds.
+/// Length of a step between centroids, relative to their distance: the detour over the midpoint of the boundary.
 const DETOUR: f64 = 1.15;
 
-/// Contracted node of each face.
+/// The file of the contracted node of each face.
 pub const OF_FACE: &str = "contracted.npy";
 const OWNER: &str = "contracted.tmp";
 const FIELD: &str = "contracted_field.tmp";
@@ -53,21 +53,21 @@ pub struct ContractedSurface {
     pub weighted: WeightedGraph,
     /// Contracted node of each node of the original (n).
     pub of_node: MappedSlice<u16>,
-    /// The node of the original that each contracted one grew from.
+    /// The original node from which each contracted one grew.
     pub seeds: MappedSlice<u32>,
-    /// Area of the nodes of the original in each contracted one, in the frame, tiny components included.
+    /// Total area of the original nodes in each contracted one, in the frame, including tiny components.
     pub areas: MappedSlice<f64>,
 }
 
-/// The stage that contracts a surface; its files lie in a work directory of its own.
+/// The stage that contracts a surface; its files lie in a nested work directory.
 pub struct Contraction<'a> {
-    /// What is contracted.
+    /// The original graph.
     pub graph: &'a DualGraph,
     /// Its weights.
     pub weighted: &'a WeightedGraph,
-    /// What its nodes count.
+    /// Area shares of its nodes.
     pub shares: &'a AreaShares,
-    /// The work directory of what is contracted: there processes leave their shares of the front.
+    /// The work directory of the original, where processes leave their shares of the front.
     pub whole: &'a WorkDir,
 }
 
@@ -102,12 +102,12 @@ impl Stage for Contraction<'_> {
         Ok(ContractedSurface { graph, weighted, of_node, seeds, areas })
     }
 
-    /// The map to contracted nodes beside the field of the front.
+    /// The map to contracted nodes, and the field of the front.
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let n = extent.faces;
         let (map, passing) = (room.take(2 * n), room.take(8 * n));
         room.give_back(passing);
-        // Boundaries of contracted nodes and messages: measured at a million faces.
+        // Boundaries of contracted nodes and messages: measured for a million faces.
         let memory = (15 << 20) + room.used() + passing;
         Needs { memory, keeps: 2 * n - map, passing: 8 * n - passing, ..Needs::default() }.moving(170 * n, 27 * n)
     }
@@ -150,7 +150,7 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
     Ok(ContractedSurface { graph, weighted, of_node, seeds, areas })
 }
 
-/// The nodes that contracted ones grow from.
+/// The original nodes from which contracted ones grow.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -180,7 +180,7 @@ pub fn key(weights: &str, seed: u64) -> String {
     key_of(Contraction::NAME, Contraction::VERSION, &inputs(weights, seed))
 }
 
-/// Centroid, direction and area of each contracted node; tiny components count nothing.
+/// Centroid, direction and area of each contracted node; tiny components are ignored.
 fn interiors(sums: &[SurfaceSum], shares: &AreaShares) -> Vec<Node> {
     let area = 1. / f64::from(shares.unit).powi(2);
     let node = |sum: &SurfaceSum| Node {
@@ -191,25 +191,25 @@ fn interiors(sums: &[SurfaceSum], shares: &AreaShares) -> Vec<Node> {
     sums.iter().map(node).collect()
 }
 
-/// Two nodes in one number, the lesser in its upper half: nodes are fewer than 2¹⁶ ([`narrowed`]).
+/// Two nodes in one number, the smaller in its upper half: there are fewer than 2¹⁶ nodes ([`narrowed`]).
 type Pair = u32;
 
-/// The nodes of a pair, the lesser first.
+/// The nodes of a pair, the smaller first.
 fn nodes_of(pair: Pair) -> (u32, u32) {
     (pair >> 16, pair & 0xffff)
 }
 
-/// One boundary for each pair of nodes that touch, ascending.
+/// One boundary for each pair of adjacent nodes, ascending.
 type Boundaries = Vec<(Pair, ContractedEdge)>;
 
-/// A piece of the boundary between a pair of nodes, and two numbers that say which and where: pieces of a pair are
-/// added in their order.
+/// A piece of the boundary between a pair of nodes: the pair, and two numbers that locate the piece. The pieces of a
+/// pair are added in that order.
 type Piece = [u32; 3];
 
 fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<Boundaries> {
     let n = owner.len();
     let (edge, nodes) = (graph.edges.shared(), graph.nodes.view());
-    // Of a chunk's faces: the face in the chunk, and the edge among those of the face.
+    // Within a chunk, a piece is located by the face in the chunk and the edge of that face.
     let parts = run.map_chunks(chunk_count(n, CHUNK), Vec::<Piece>::new, |chunk, pieces| {
         let range = chunk_range(n, CHUNK, chunk);
         csr.will_need(range.clone(), run);
@@ -239,7 +239,7 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
             }
         }))
     })?;
-    // Of all of them: the chunk, and the boundary among those of the chunk.
+    // Overall, a piece is located by the chunk and the boundary in that chunk.
     let mut pieces: Vec<Piece> = Vec::with_capacity(parts.iter().map(Vec::len).sum());
     for (chunk, part) in (0..).zip(&parts) {
         pieces.extend((0..).zip(part).map(|(at, (pair, _))| [*pair, chunk, at]));
@@ -247,7 +247,7 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
     Ok(added(&mut pieces, |&[_, chunk, at]| parts[chunk as usize][at as usize].1))
 }
 
-/// Sorts `pieces`, and adds up the edges of each pair in their order.
+/// Sorts `pieces`, and adds up the edges of each pair in order.
 fn added(pieces: &mut [Piece], edge: impl Fn(&Piece) -> ContractedEdge) -> Boundaries {
     pieces.sort_unstable();
     let pairs = || pieces.chunk_by(|a, b| a[0] == b[0]);
@@ -260,7 +260,8 @@ fn added(pieces: &mut [Piece], edge: impl Fn(&Piece) -> ContractedEdge) -> Bound
     boundaries
 }
 
-/// The edge between two faces as a vector: `length` across the step from one to the other, in the surface.
+/// The edge between two faces as a vector of `length`, in the surface and perpendicular to the step from one to the
+/// other.
 fn along(from: &Node, to: &Node, length: f64) -> [f64; 3] {
     let (n, m) = (wide(from.normal), wide(to.normal));
     let across = minus(wide(to.centroid), wide(from.centroid));
@@ -282,7 +283,7 @@ fn assemble(
         let (a, b) = nodes_of(pair);
         let (from, to) = (&nodes[a as usize].centroid, &nodes[b as usize].centroid);
         let gap = norm([0, 1, 2].map(|axis| f64::from(from[axis] - to[axis])));
-        // Bridges have no boundary, and stay without.
+        // Bridges have no boundary; their length stays 0.
         let length = norm(border.chord).max(0.1 * border.length) as f32;
         (a, b, [border.weight.max(crate::graph::weights::LEAST), (DETOUR * gap.max(1e-9)) as f32, length])
     };
@@ -290,7 +291,8 @@ fn assemble(
     let mut indptr = vec![0u64; nodes.len() + 1];
     steps.iter().for_each(|&(a, b, _)| [a, b].iter().for_each(|&node| indptr[node as usize + 1] += 1));
     (0..nodes.len()).for_each(|i| indptr[i + 1] += indptr[i]);
-    // Boundaries are ascending: so are a node's lesser neighbours, taken first, and then its greater ones.
+    // Boundaries ascend, so filling in each node's smaller neighbours first, then the greater ones, gives ascending
+    // rows.
     let (mut next, mut entries) = (indptr.clone(), vec![(0, [0f32; 3]); 2 * steps.len()]);
     let both = steps.iter().map(|&(a, b, values)| (b, a, values)).chain(steps.iter().copied());
     for (row, column, values) in both {
@@ -353,7 +355,7 @@ mod tests {
         let seeds: Vec<u32> = (0..n as u32).step_by(37).collect();
         let (mut field, mut owner) = (vec![0f32; n], vec![0u32; n]);
         nearest_source(csr, &seeds, &mut field, &mut owner, &run).unwrap();
-        // A face that no front has come to.
+        // A face that no front reached.
         owner[5_000] = u32::MAX;
         let mut expected: BTreeMap<(u32, u32), ContractedEdge> = BTreeMap::new();
         for chunk in 0..chunk_count(n, CHUNK) {

@@ -1,9 +1,9 @@
-//! More parts than cells: parts divided into pieces of faces.
+//! More parts than cells: divides parts into pieces of faces.
 //!
-//! Parts are decided on some two thousand cells, so there can be no more of them. Where more are asked for, every cell
-//! is a part, and the parts with most faces are divided on: each piece grows from the first face that has none, face by
-//! face along the graph, to its share of the part's faces. Pieces are connected, except where other pieces leave
-//! scattered faces over. They have no meaning beyond that: the surface does not show where two thousand parts end.
+//! Parts are decided on some two thousand cells, so there can be no more of them. If more are requested, every cell is
+//! a part, and the parts with most faces are divided further: each piece grows face by face along the graph, from the
+//! first face without a piece to its share of the part's faces. Pieces are connected, except where other pieces leave
+//! scattered faces. Beyond that they have no meaning: a surface has no two thousand natural parts.
 //!
 //! Cost: one pass over the faces and their neighbours on one thread; 8 bytes per face in files,
 //! 16 bytes per part in memory.
@@ -15,20 +15,20 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 const NONE: u32 = u32::MAX;
-/// Faces between looks at the stop flag.
+/// Faces between checks of the stop flag.
 const STOP_CHECK: usize = 1 << 16;
 
 /// Parts divided into pieces.
 #[derive(Clone, Debug)]
 pub struct Pieces {
-    /// Piece of each node (n), those of a part one after another.
+    /// Piece of each node (n); the pieces of a part are numbered consecutively.
     pub labels: MappedSlice<u32>,
-    /// First piece of each part, and their number at the end (parts + 1).
+    /// First piece of each part, followed by the number of pieces (parts + 1).
     pub first: Vec<u32>,
 }
 
-/// Divides the parts of `labels` (n) into `wanted` pieces in all, or one per node where there are fewer, as
-/// `labels.npy`. The part `whole`, where one is given, is divided last.
+/// Divides the parts of `labels` (n) into `wanted` pieces in all, or one per node if there are fewer, as `labels.npy`.
+/// The part `whole`, if given, is divided last.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -46,7 +46,7 @@ pub fn divide(
     let pieces = shares(&faces, wanted, whole);
     let mut first = vec![0u32; parts + 1];
     (0..parts).for_each(|part| first[part + 1] = first[part] + pieces[part] as u32);
-    // Piece that each part fills now, and faces that it still takes.
+    // The piece that each part is filling, and the number of faces that it still takes.
     let room = |part: usize, piece: u64| {
         let end = |piece: u64| (u128::from(piece) * u128::from(faces[part]) / u128::from(pieces[part].max(1))) as u64;
         end(piece + 1) - end(piece)
@@ -86,11 +86,11 @@ pub fn divide(
     Ok(Pieces { labels: array.finish(false)?, first })
 }
 
-/// Pieces of each part, `wanted` in all if there are as many faces: one more to the part with most faces per piece,
-/// over and over; to `whole` when no other can be divided.
+/// Number of pieces of each part, `wanted` in all if there are as many faces. One more piece goes to the part with most
+/// faces per piece, repeatedly; to `whole` only when no other can be divided.
 fn shares(faces: &[u64], wanted: usize, whole: Option<u32>) -> Vec<u64> {
     let mut pieces: Vec<u64> = faces.iter().map(|&faces| faces.min(1)).collect();
-    // Faces of a piece, to a thousandth: whole numbers have a total order.
+    // Faces per piece, in thousandths: integers have a total order.
     let rank = |part: usize, pieces: u64| (whole != Some(part as u32), faces[part] * 1000 / pieces, Reverse(part));
     let mut heap: BinaryHeap<_> = (0..faces.len()).filter(|&k| faces[k] > 1).map(|k| rank(k, 1)).collect();
     for _ in pieces.iter().sum::<u64>()..wanted as u64 {
@@ -138,7 +138,7 @@ mod tests {
                     .zip(&pieces)
                     .all(|(&part, piece)| (first[part as usize]..first[part as usize + 1]).contains(piece))
             );
-            // As even as the parts allow: no piece has two faces more than its share of the greater part.
+            // As even as the parts allow: no piece has more than two faces above its share of the larger part.
             assert!(sizes.iter().all(|size| *size <= 60 / wanted + 9), "{wanted}: {sizes:?}");
         }
         assert_eq!(chain(&labels, 90, None).1[2], 60, "no more than there are faces");

@@ -1,11 +1,11 @@
-//! Labels of the faces near boundaries by Nyström's extrapolation: each gets the part whose cells around it lie
-//! nearest in the embedding.
+//! Labels of the faces near boundaries by Nyström's extrapolation: each gets the nearby part whose cells are nearest in
+//! the embedding.
 //!
-//! A face's column of `[A B]` is all that is needed ([`AnchorExtension::embed`]). The candidates are the parts of
-//! the cells within two steps of its own, each at the mean point of its cells among these. Faces are independent
-//! of each other, so parts may come with islands, which [`super::boundary`] dissolves. Cost: a pass over `[A B]`,
-//! l width multiply-adds and l exponentials per face of the narrow band. Memory: a chunk of columns per thread,
-//! and some means per cell.
+//! Only a face's column of `[A B]` is needed ([`AnchorExtension::embed`]). The candidates are the parts of the cells
+//! within two steps of its own, each represented by the mean point of its cells among these. Faces are labelled
+//! independently, so parts may get islands, which [`super::boundary`] removes. Cost: a pass over `[A B]`, l · width
+//! multiply-adds and l exponentials per face of the narrow band. Memory: a chunk of columns per thread, and some means
+//! per cell.
 
 use super::parts::CellGraph;
 use super::parts::ensemble::COMPARE_SCALE;
@@ -19,13 +19,13 @@ use crate::store::Run;
 
 const CHUNK: usize = 1 << 13;
 
-/// The mean points in the embedding of the parts around each cell.
+/// The mean points, in the embedding, of the parts around each cell.
 #[derive(Debug)]
 pub struct LocalPartMeans {
     extension: AnchorExtension,
-    /// Twice the greatest finite distance of each row (l): for faces that are not reached.
+    /// Twice the greatest finite distance of each row (l), used for unreached faces.
     far: Vec<f32>,
-    /// Parts around each cell and their mean points, where there is more than one (S).
+    /// Parts around each cell and their mean points, if there is more than one part (S).
     around: Vec<Vec<(u32, Vec<f64>)>>,
 }
 
@@ -65,14 +65,14 @@ impl LocalPartMeans {
         Self { extension, far, around }
     }
 
-    /// The part nearest to a face of `cell` at `point`; the first of equally near ones.
+    /// The part nearest to a face of `cell` at `point`; of several, the first.
     fn nearest(&self, cell: u16, point: &[f64]) -> Option<u32> {
         let away = |mean: &[f64]| mean.iter().zip(point).map(|(m, x)| (m - x) * (m - x)).sum::<f64>();
         let parts = self.around[cell as usize].iter();
         parts.map(|(label, mean)| (*label, away(mean))).reduce(|a, b| if b.1 < a.1 { b } else { a }).map(|best| best.0)
     }
 
-    /// Labels anew the faces for which `open` holds, by their columns of `rows`; `cell` (n) and `labels` (n).
+    /// Relabels the faces for which `open` holds, by their columns of `rows`; `cell` (n) and `labels` (n).
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -138,7 +138,7 @@ mod tests {
         TestStrip { cells, b, label, columns, cell }
     }
 
-    /// The face as one more cell without area, embedded with all others.
+    /// Reference: the face as an additional cell without area, embedded with all others.
     fn oracle(cells: &CellGraph, b: &[f64], label: &[u32], column: &[f32], cell: usize) -> u32 {
         let (s, l) = (label.len(), column.len());
         let with: Vec<f64> =

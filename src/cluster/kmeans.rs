@@ -1,14 +1,14 @@
 //! K-means on the sampled columns, and labels for every face in one pass over `[A B]`.
 //!
-//! [`KMeans::fit`] is area-weighted and seeded by greedy k-means++. It runs on at most
-//! [`crate::spectral::embedding::MOST_COLUMNS`] points, so its cost does not grow with the mesh. Sums are folded in
-//! chunk order; the result does not depend on threads. No cluster ends empty while there are K distinct points.
-//! Cost for s points of d coordinates: some 8 s d K (2 + ln K) multiply-adds for the first centres, and s d K for a
-//! round of each start. With d = K that is minutes for hundreds of parts.
+//! [`KMeans::fit`] is weighted by area and seeded by greedy k-means++. It runs on at most
+//! [`crate::spectral::embedding::MOST_COLUMNS`] points, so its cost does not grow with the mesh. Sums are formed in
+//! chunk order, so the result does not depend on threads. No cluster ends up empty if there are K distinct points. Cost
+//! for s points of d coordinates: some 8 s d K (2 + ln K) multiply-adds for the first centres, and s d K for a round of
+//! each start. With d = K, hundreds of parts take minutes.
 //!
-//! [`assign`] extrapolates every face (eq. 2), takes the nearest centre and counts; Γ's sum (eq. 6) rides along. Chunks
-//! of columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares. Then
-//! [`fill_empty_parts`] sees to it that no part is empty.
+//! [`assign`] extrapolates every face (eq. 2), takes the nearest centre and counts; Γ's sum (eq. 6) is computed in the
+//! same pass. Chunks of columns are independent. Cost: 4 l bytes read and l exponentials per face, which Γ shares. Then
+//! [`fill_empty_parts`] makes sure that no part is empty.
 
 use super::part_totals::{PartTotals, block_size};
 use crate::base::parallel::chunk_range;
@@ -25,19 +25,19 @@ use libm::log as ln;
 use serde::{Deserialize, Serialize};
 
 const POINTS_PER_CHUNK: usize = 4096;
-/// Rounds after which starts are compared.
+/// Number of rounds after which starts are compared.
 const FIRST_ROUNDS: usize = 4;
-/// Starts that go on to the end.
+/// Number of starts that are continued to the end.
 const FINISHED: usize = 2;
 
-/// How K-means runs.
+/// Parameters of K-means.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct KMeansParams {
-    /// Clusters.
+    /// Number of clusters.
     pub k: usize,
-    /// Starts. All go four rounds; the best two go on, and the better one is kept.
+    /// Number of starts. All run four rounds; the best two are continued, and the better one is kept.
     pub starts: usize,
-    /// Lloyd rounds at the most, after the first four.
+    /// Maximum number of Lloyd rounds after the first four.
     pub rounds: usize,
 }
 
@@ -55,7 +55,7 @@ pub struct KMeans {
     pub centres: Vec<f32>,
     /// Coordinates d.
     pub dimensions: usize,
-    /// Weighted sum of squared distances to the nearest centre, before the last round moved these.
+    /// Weighted sum of squared distances to the nearest centre, before the last round moved the centres.
     pub cost: f64,
 }
 
@@ -99,7 +99,7 @@ pub struct Centres<'a> {
 
 impl Centres<'_> {
     /// The nearest centre of each of m points: its number in `label`, and the squared distances to the nearest and
-    /// second nearest (m each). `rows(e)` gives coordinate e (m). Ties go to the lower centre.
+    /// second nearest (m each). `rows(e)` returns coordinate e (m). Ties go to the lower centre.
     pub fn nearest<'a>(
         self,
         rows: impl Fn(usize) -> &'a [f32],
@@ -151,7 +151,7 @@ impl SimdKernel for NearestCentres<'_> {
 }
 
 impl KMeans {
-    /// The centres alone.
+    /// A view of the centres.
     pub fn centres(&self) -> Centres<'_> {
         Centres { values: &self.centres, dimensions: self.dimensions }
     }
@@ -175,14 +175,14 @@ impl KMeans {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn fit(points: WeightedPoints<'_>, dimensions: usize, params: KMeansParams, run: &Run) -> Result<Self> {
-        // Starts side by side, on one thread each: seeds are drawn one after another.
+        // Starts run in parallel, on one thread each, since the seeds of a start are drawn one after another.
         let one = run.with_threads(1);
         let begin = |start: usize, (): &mut ()| {
             let centres = seed_centres(points, dimensions, params.k, &format!("k-means {start}"), run)?;
             lloyd(points, dimensions, centres, params.rounds.min(FIRST_ROUNDS), &one)
         };
         let mut begun = run.map_chunks(params.starts.max(1), || (), begin)?;
-        // A stable sort: of equal ones the first.
+        // A stable sort: of equal ones the first wins.
         sort_by(&mut begun, |a, b| a.cost.total_cmp(&b.cost));
         let mut best: Option<Self> = None;
         for start in begun.into_iter().take(FINISHED) {
@@ -195,13 +195,13 @@ impl KMeans {
     }
 }
 
-/// Greedy k-means++: each next centre is the best of a few points drawn by weight times squared distance.
+/// Greedy k-means++: each new centre is the best of a few points drawn by weight times squared distance.
 fn seed_centres(points: WeightedPoints<'_>, dimensions: usize, k: usize, purpose: &str, run: &Run) -> Result<Vec<f32>> {
     let s = points.len();
     let mut draw = stream(run.seed, purpose);
     let mut centres: Vec<f32> = Vec::with_capacity(k * dimensions);
     let mut near = vec![f32::INFINITY; s];
-    // What is tried, and the best of what was.
+    // The candidate, and the best so far.
     let (mut trial, mut chosen) = (vec![0f32; s], vec![0f32; s]);
     while centres.len() < k * dimensions {
         run.cancel.check()?;
@@ -234,7 +234,7 @@ struct LloydSums {
     mass: Vec<f64>,
     sums: Vec<f64>,
     cost: f64,
-    /// The chunk's point of greatest weighted distance, to revive an empty cluster with.
+    /// The chunk's point of greatest weighted distance, used to refill an empty cluster.
     worst: (f64, usize),
 }
 
@@ -260,7 +260,7 @@ fn lloyd(points: WeightedPoints<'_>, d: usize, mut centres: Vec<f32>, rounds: us
             if mass[c] > 0. {
                 (0..d).for_each(|e| centres[c * d + e] = (sums[c * d + e] / mass[c]) as f32);
             } else if worst.0 > 0. {
-                // Empty: take the point that suits its own centre least; one revival per round.
+                // An empty cluster takes the point with the worst fit to its own centre; one such refill per round.
                 points.point(worst.1).enumerate().for_each(|(e, x)| centres[c * d + e] = x);
                 worst.0 = -1.;
             }
@@ -288,7 +288,7 @@ fn chunk_sums(points: WeightedPoints<'_>, range: std::ops::Range<usize>, d: usiz
         if cost > out.worst.0 {
             out.worst = (cost, range.start + i);
         }
-        // All coordinates of a point at a time: each sum has its points in order, and none waits for another.
+        // All coordinates of a point at once: each sum adds its points in order, and the sums are independent.
         for (e, sum) in out.sums[c * d..(c + 1) * d].iter_mut().enumerate() {
             *sum += weight * f64::from(points.coordinates[e * points.len() + range.start + i]);
         }
@@ -296,10 +296,10 @@ fn chunk_sums(points: WeightedPoints<'_>, range: std::ops::Range<usize>, d: usiz
     out
 }
 
-/// Faces per chunk: what fits the cache at l = 60. Results do not depend on it but for Γ's last digits.
+/// Faces per chunk: what fits the cache at l = 60. It affects results only in the last digits of Γ.
 pub const FACES_PER_CHUNK: usize = 2048;
 
-/// What every face is labelled with.
+/// Inputs for labelling every face.
 #[derive(Clone, Copy, Debug)]
 pub struct Assignment<'a> {
     /// Distances of the faces from the landmarks.
@@ -308,12 +308,12 @@ pub struct Assignment<'a> {
     pub embedding: &'a Embedding,
     /// Centres in it.
     pub centres: &'a KMeans,
-    /// Γ, where it is wanted.
+    /// Γ, if requested.
     pub gamma: Option<&'a Gamma>,
 }
 
-/// How sure points are of their centres (m), from the squared distances to the nearest and the second
-/// nearest, for [`dispatch`].
+/// The certainty of the labels of points (m), from the squared distances to the nearest and the second nearest centre,
+/// for [`dispatch`].
 struct Margins<'a> {
     first: &'a [f32],
     second: &'a [f32],
@@ -333,14 +333,13 @@ impl SimdKernel for Margins<'_> {
     }
 }
 
-/// Chunks whose distances are asked for at a time.
+/// Number of chunks whose distances are requested at a time.
 const CHUNKS_ASKED: usize = 16;
 
-/// Labels every face with its nearest centre: `labels` (n). Totals of the clusters, and Γ's sum over all columns, 0
-/// where it is not wanted. `areas_to_confidences` (n) holds the faces' areas at
-/// first, and then how certain each label is, from 0 on the border between two centres to 1 on a centre: one array
-/// less of the size of the mesh. Memory: 4 (l + d) bytes for each of 2,048 faces per thread, of which there are as many
-/// as the budget has room for.
+/// Labels every face with its nearest centre in `labels` (n). Returns totals of the clusters, and Γ's sum over all
+/// columns, or 0 if not requested. `areas_to_confidences` (n) holds the faces' areas on input and the certainty of each
+/// label on output, from 0 halfway between two centres to 1 on a centre: this saves one array of the size of the mesh.
+/// Memory: 4 (l + d) bytes for each of 2,048 faces per thread; the budget may limit the number of threads.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -388,7 +387,7 @@ pub fn assign(
             centres.centres().nearest(row, labels, &mut s.first[..m], &mut s.second[..m]);
             let mut first = 0;
             for same in labels.chunk_by(|a, b| a == b) {
-                // Added up in the order of faces, but in a register: neighbours in number mostly have one label.
+                // Summed in face order, but in a register: consecutive faces mostly have the same label.
                 let part = same[0] as usize;
                 let areas = &areas_to_confidences[first..first + same.len()];
                 totals.faces[part] += areas.len() as u64;
@@ -409,9 +408,9 @@ pub fn assign(
     Ok((totals, gamma_sum))
 }
 
-/// Gives each part without a face the least certain face of the part with most faces, by `quality` (n). Parts are empty
-/// only where the embedding has fewer distinct points than parts (a cube, four faces in four parts). Some stay empty
-/// where there are fewer faces than parts. Cost: a pass over the faces for each.
+/// Gives each empty part the least certain face, by `quality` (n), of the part with most faces. Parts are empty only if
+/// the embedding has fewer distinct points than parts (a cube, four faces in four parts). Some stay empty if there are
+/// fewer faces than parts. Cost: one pass over the faces per empty part.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -482,7 +481,7 @@ mod tests {
         let points = WeightedPoints { coordinates: &[1., 1., 2.], weights: &[0.4, 0.3, 0.3] };
         let fitted = KMeans::fit(points, 1, KMeansParams::new(3), &Run::new(&())).unwrap();
         assert_eq!(fitted.centres.len(), 3);
-        // Both places have a centre.
+        // Both positions have a centre.
         assert!(fitted.centres.contains(&1.) && fitted.centres.contains(&2.), "{:?}", fitted.centres);
     }
 
@@ -490,7 +489,7 @@ mod tests {
     fn no_cluster_ends_empty_while_there_are_as_many_points() {
         let mut random = stream(1, "points");
         for (s, k, seed) in (0..60).map(|i| (12 + i, 3 + i % 10, i as u64)) {
-            // Places in a plane, many of them near each other.
+            // Points in a plane, many of them close to each other.
             let coordinates: Vec<f32> = (0..2 * s).map(|_| unit(&mut random).powi(4) as f32).collect();
             let weights = vec![1. / s as f64; s];
             let points = WeightedPoints { coordinates: &coordinates, weights: &weights };
@@ -509,7 +508,8 @@ mod tests {
         assert_eq!(fitted.centres, [1., 9., 0.]);
     }
 
-    /// Regression: with a thousand parts Ctrl-C was heard of when the centres of a start were all drawn, minutes later.
+    /// Regression: with a thousand parts, a cancelled run stopped only after all centres of a start were drawn, minutes
+    /// later.
     #[test]
     fn drawing_centres_stops_when_the_run_does() {
         let (coordinates, weights) = blobs();
@@ -536,7 +536,8 @@ mod tests {
         assert_eq!(totals.faces, [1, 0]);
     }
 
-    /// Regression: it was heard of when all of them had their face, each of which takes a pass over all faces.
+    /// Regression: a cancelled run stopped only when every part had its face, each of which takes a pass over all
+    /// faces.
     #[test]
     fn filling_empty_parts_stops_when_the_run_does() {
         let (nodes, cancel) = ([Node::default(); 3], Cancel::default());

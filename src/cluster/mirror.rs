@@ -1,40 +1,41 @@
-//! Mirror planes of a surface, and seeds of cells that are their own mirror image.
+//! Mirror planes of a surface, and cell seeds that are mirror-symmetric.
 //!
-//! Limbs come in pairs. Where cells are cut at random and each limb is decided by itself, a leg may be cut at the knee
-//! and its twin not, which people see first. Where a plane maps the surface onto itself, cells come in pairs too, and
+//! Limbs come in pairs. If cells are random and each limb is decided independently, one leg may be cut at the knee and
+//! the other not, which people notice first. If a plane maps the surface onto itself, cells come in mirrored pairs, and
 //! so do decisions ([`super::parts::symmetry`]).
 //!
-//! Planes begin as the three principal ones of a sample of some two thousand points, and move to where they map
-//! points best onto points, nearest position and normal to each other. A posed body has no such plane: its
-//! symmetry is looked for along the surface ([`super::parts::symmetry`]), and its cells do not come in pairs.
+//! Candidate planes are the three principal ones of a sample of some two thousand points; each is iterated towards the
+//! best map of points onto points, where nearest is measured by position and normal. A posed body has no such plane:
+//! its symmetry is sought along the surface ([`super::parts::symmetry`]), and its cells do not come in pairs.
 //!
-//! Cost for S points: up to 24 searches for the nearest of 500 points each in a grid, three for all of them,
-//! some milliseconds whatever the size of the mesh; the image of a seed is found by a descent over the dual
-//! graph. 24 bytes per point.
+//! Cost for S points: up to 24 nearest-point searches for 500 points each in a grid, three for all of them, some
+//! milliseconds whatever the size of the mesh; the image of a seed is found by descent over the dual graph. 24 bytes
+//! per point.
 
 use crate::base::moments::{principal_axes, products};
 use crate::base::sort::sort_by;
 use crate::base::vector::{add_scaled, distance, dot, middle, minus};
 use crate::spectral::exp::exp64;
 
-/// How often a plane is moved at the most.
+/// Maximum number of iterations for a plane.
 const MOVES: usize = 8;
-/// So many points move a plane.
+/// Number of points used in an iteration.
 const SAMPLE: usize = 500;
-/// Images farther from all points than this many radii, by position and normal, are of something
-/// that is on one side only.
+/// An image farther from all points than this many radii, by position and normal, belongs to something that exists on
+/// one side only.
 const REACH: f64 = 3.0;
-/// Mean distance of images from the nearest points, in radii, up to which a plane is a mirror: .9
-/// for points drawn at random.
+/// Maximum mean distance of images from the nearest points, in radii, for a plane to be a mirror plane; it is .9 for
+/// points drawn at random.
 const CLOSE: f64 = 1.2;
-/// Length of a unit normal among positions, in radii: opposite normals are as different as places four radii apart.
+/// Length of a unit normal relative to positions, in radii: opposite normals differ as much as positions four radii
+/// apart.
 const NORMAL: f64 = 2.0;
-/// Planes with normals closer than this cosine are the same.
+/// Planes whose normals have a greater cosine are the same.
 const SAME: f64 = 0.98;
-/// Share of the seeds above the plane from which on the pairs come from there.
+/// Minimum share of the seeds above the plane for the pairs to come from above.
 const LEAST_ABOVE: f64 = 0.45;
-/// Planes lie on a grid of this step, in units of √(area) for offsets: a small change of the surface leaves them as
-/// they are. A cell has a radius of .013.
+/// Planes are rounded to a grid of this step, in units of √(area) for offsets, so that a small change of the surface
+/// does not change them. A cell has a radius of .013.
 const STEP: f64 = 1.0 / 1024.0;
 /// Points closer to the plane than this many radii are their own images.
 const MIDDLE: f64 = 0.5;
@@ -48,7 +49,7 @@ pub struct SurfacePoint {
     pub normal: [f64; 3],
 }
 
-/// Points, what each counts, and the radius of the cells that they stand for.
+/// Points, their weights, and the radius of the cells that they represent.
 #[derive(Clone, Copy, Debug)]
 pub struct PointSet<'a> {
     /// The points (S).
@@ -60,7 +61,7 @@ pub struct PointSet<'a> {
 }
 
 impl<'a> PointSet<'a> {
-    /// Points that stand for cells of `area` in all.
+    /// Points that represent cells of total `area`.
     pub fn new(points: &'a [SurfacePoint], shares: &'a [f64], area: f64) -> Self {
         Self { points, shares, radius: (area / (points.len() as f64 * std::f64::consts::PI)).sqrt() }
     }
@@ -74,12 +75,13 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// How far a place is from it, less than 0 on one side.
+    /// The signed distance of a point from the plane.
     pub fn height(self, x: [f64; 3]) -> f64 {
         dot(x, self.normal) - self.offset
     }
 
-    /// The plane of the grid nearest to it, with the greatest component of its normal above 0.
+    /// The nearest plane of the grid, oriented so that the component of its normal with the greatest magnitude is
+    /// positive.
     fn on_grid(self) -> Self {
         let greatest = self.normal.iter().copied().fold(0f64, |a, b| if b.abs() > a.abs() { b } else { a });
         let sign = if greatest < 0.0 { -1.0 } else { 1.0 };
@@ -101,21 +103,21 @@ impl Plane {
     }
 }
 
-/// The square of how far two points are apart by position and normal.
+/// The squared distance of two points by position and normal.
 fn apart(a: SurfacePoint, b: SurfacePoint, radius: f64) -> f64 {
     let (d, n) = (minus(a.position, b.position), minus(a.normal, b.normal));
     dot(d, d) + (NORMAL * radius).powi(2) * dot(n, n)
 }
 
-/// Points by position: those in one cube of a grid are listed together, with those of other cubes that share its slot.
+/// A grid of points by position: a slot lists the points of all cubes that hash to it.
 pub struct NearestPoint<'a> {
     set: PointSet<'a>,
-    /// Where the points of each slot begin among `listed`.
+    /// Start of each slot's points in `listed`.
     starts: Vec<u32>,
     listed: Vec<u32>,
 }
 
-/// Slots of the grid: a power of two.
+/// Number of slots: a power of two.
 const SLOTS: usize = 1 << 12;
 
 impl<'a> NearestPoint<'a> {
@@ -133,8 +135,8 @@ impl<'a> NearestPoint<'a> {
         Self { set, starts, listed }
     }
 
-    /// The point nearest to `point` by position and normal, and how far the two are apart in space; `None` where
-    /// none is within [`REACH`].
+    /// The point nearest to `point` by position and normal, and their distance in space; `None` if none is within
+    /// [`REACH`].
     pub fn find(&self, point: SurfacePoint) -> Option<(u32, f64)> {
         let (PointSet { points, radius, .. }, at) = (self.set, cube(point.position, self.set.radius));
         let (mut best, mut least) = (None, (REACH * radius).powi(2));
@@ -152,9 +154,9 @@ impl<'a> NearestPoint<'a> {
     }
 }
 
-/// The cube of the grid that a place is in; its sides are [`REACH`] radii long.
+/// The cube of the grid that contains a position; its sides are [`REACH`] radii long.
 fn cube(x: [f64; 3], radius: f64) -> [i64; 3] {
-    // Bounded, so that neighbouring cubes have numbers too.
+    // Clamped, so that the indices of neighbouring cubes do not overflow.
     x.map(|x| (x / (REACH * radius)).floor().clamp(-1e15, 1e15) as i64)
 }
 
@@ -163,7 +165,7 @@ fn slot(cube: [i64; 3]) -> usize {
     (mixed >> 32) as usize % SLOTS
 }
 
-/// The mirror planes of a surface, best first: three at the most.
+/// The mirror planes of a surface, best first: at most three.
 pub fn mirror_planes(nearest: &NearestPoint<'_>) -> Vec<Plane> {
     let PointSet { points, shares, radius } = nearest.set;
     let mean = points.iter().zip(shares).fold([0.0; 3], |sum, (point, &share)| add_scaled(sum, share, point.position));
@@ -192,8 +194,8 @@ pub fn mirror_planes(nearest: &NearestPoint<'_>) -> Vec<Plane> {
     found.into_iter().map(|(_, plane)| plane.on_grid()).collect()
 }
 
-/// The plane that maps points best onto those that are nearest to their images under `plane`; `None`
-/// where that is another plane.
+/// The plane that best maps points onto the points nearest to their images under `plane`; `None` if it is too different
+/// from `plane`.
 fn moved(plane: Plane, nearest: &NearestPoint<'_>) -> Option<Plane> {
     let PointSet { points, shares, radius } = nearest.set;
     let pair = |(point, share): (&SurfacePoint, &f64)| {
@@ -223,14 +225,15 @@ fn axes(vectors: impl Iterator<Item = (f64, [f64; 3])>) -> Vec<[f64; 3]> {
     principal_axes(sum).1.to_vec()
 }
 
-/// The sign of the side that pairs come from, where `above` of the `seeds` are above the plane. Most surfaces have
-/// about as much on both sides, and a seed more or less must not move all others.
+/// The sign of the side from which pairs are taken, if `above` of the `seeds` are above the plane. It is above unless
+/// clearly fewer seeds are there: most surfaces have about as much on both sides, and one seed more or less must not
+/// move all others.
 fn pairing_side(above: usize, seeds: usize) -> f64 {
     if above as f64 >= LEAST_ABOVE * seeds as f64 { 1.0 } else { -1.0 }
 }
 
-/// Seeds in place of `seeds`, about as many, that come in pairs of mirror images under the best mirror plane of the
-/// surface; the same where it has none. `point` tells about a node, `neighbours` lists those of a node.
+/// Replaces `seeds` by about as many that come in mirrored pairs under the best mirror plane of the surface; unchanged
+/// if it has none. `point` returns the position and normal of a node, `neighbours` its neighbours.
 pub fn paired_seeds<I: Iterator<Item = u32>>(
     seeds: Vec<u32>,
     set: PointSet<'_>,
@@ -248,7 +251,7 @@ pub fn paired_seeds<I: Iterator<Item = u32>>(
             paired.push(seed);
         } else if side * height(k) > 0.0 {
             paired.push(seed);
-            // Down to the node nearest to the image, from the seed nearest to it.
+            // Descend to the node nearest to the image, starting at the seed nearest to it.
             let image = plane.image(set.points[k]);
             let Some((start, _)) = nearest.find(image) else { continue };
             let mut best = (seeds[start as usize], apart(set.points[start as usize], image, radius));
@@ -264,7 +267,7 @@ pub fn paired_seeds<I: Iterator<Item = u32>>(
             }
         }
     }
-    // What is on this side only keeps its seeds.
+    // Parts of the surface without a counterpart on the other side keep their own seeds.
     let placed: Vec<SurfacePoint> = images.iter().map(|&node| point(node)).collect();
     let near_images = NearestPoint::new(PointSet { points: &placed, shares: &[], radius });
     let alone = |k: usize| {
@@ -285,7 +288,7 @@ mod tests {
     use crate::base::random::{Random, stream, unit};
 
     /// Points of an ellipsoid of semi-axes 3, 2 and 1 and their images in as many planes: z = 0, y = 0, x = 0. A bump
-    /// at positive x and y makes it unlike itself but for the first.
+    /// at positive x and y breaks all symmetries but the first.
     fn sample(count: usize, planes: usize, bump: f64, random: &mut Random) -> Vec<SurfacePoint> {
         let mut points: Vec<SurfacePoint> = (0..count >> planes)
             .map(|_| {
@@ -323,7 +326,7 @@ mod tests {
             let along = plane.normal.iter().fold(0f64, |most, x| most.max(x.abs()));
             assert!(along > 0.999 && plane.offset.abs() < 0.02, "{plane:?}");
         }
-        // A bump beside the planes x = 0 and y = 0 leaves z = 0.
+        // A bump away from the planes x = 0 and y = 0 leaves only z = 0.
         let found = planes(&sample(2000, 1, 0.5, &mut random));
         assert!(found.len() == 1 && found[0].normal[2].abs() > 0.99, "{found:?}");
         assert!(planes(&[]).is_empty());
@@ -372,7 +375,7 @@ mod tests {
 
     #[test]
     fn a_seed_more_or_less_keeps_the_side() {
-        // Regression: the majority turned over on symmetric surfaces, and all seeds with it.
+        // Regression: on symmetric surfaces the majority changed sides easily, and all seeds with it.
         assert!((46..=54).all(|above| pairing_side(above, 100) > 0.0));
         assert!(pairing_side(44, 100) < 0.0);
     }

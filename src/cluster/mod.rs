@@ -2,9 +2,10 @@
 //!
 //! The paper's methods: [`kmeans`] or [`two_means`] on sampled columns, then one pass that labels every face.
 //!
-//! The default method cuts as people do: the surface into [`cells`] (with [`normals`] at a radius of the shape), the
-//! cells into [`parts`], and the parts' [`boundary`] onto creases. Only cells, normals and boundaries see the faces, in
-//! a few passes each; deciding the parts takes constant time and memory. More parts than cells come of [`divide`].
+//! The default method cuts as people do: the surface into [`cells`] (with [`normals`] averaged over a radius), the
+//! cells into [`parts`], and it moves the parts' [`boundary`] onto creases. Only cells, normals and boundaries use the
+//! faces, in a few passes each; deciding on the parts takes constant time and memory. If more parts than cells are
+//! requested, [`divide`] makes them.
 
 pub mod area_shares;
 pub mod band_graph;

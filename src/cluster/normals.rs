@@ -1,14 +1,16 @@
-//! Normals smoothed over a fixed radius of the shape, in O(n) whatever the radius, and the radius to use.
+//! Normals smoothed over a fixed radius, in O(n) whatever the radius, and the choice of that radius.
 //!
 //! Turning summed over the noise of a scan grows without bound as faces shrink; turning of normals averaged over a
-//! fixed share of the shape's size does not. 1/r² micro-cells (one seed per quantum of area, one front under lengths)
-//! gather area-weighted normal sums; a face's normal is the sum over its cell and the cell's edge neighbours weighted
-//! by exp(−|c_f − x|²/(2 (.54 r)²)). Neighbours by connectivity, so the sheets of a thin part do not mix. Within 2–5°
-//! of diffusion, which costs (r/h)² sweeps. Where there are too few faces for cells, neighbour averaging.
+//! fixed share of the shape's size does not. 1/r² micro-cells (one seed per quantum of area, one front by length)
+//! accumulate area-weighted normals; a face's normal is the sum over its cell and the adjacent cells, weighted by
+//! exp(−|c_f − x|²/(2 (.54 r)²)). Adjacency is by connectivity, so the two sheets of a thin part do not mix. The result
+//! is within 2–5° of diffusion, which would cost (r/h)² sweeps. If there are too few faces for cells, neighbours are
+//! averaged.
 //!
 //! The radius is chosen by the mesh's own turning P_r = Σ length · |θ_r|: clean meshes keep their own normals, scans
 //! and noisy meshes get .01 or .02 ([`super::roughness`]). Cost: a front plus 50 ns per face and radius; 12 bytes per
-//! face each. What tells rough from clean is .02 alone, so a clean mesh without cells of its own needs no other.
+//! face each. Only radius .02 is needed to tell rough from clean, so a clean mesh without cells of its own needs no
+//! other.
 
 use super::area_shares::{AreaShares, SurfaceSum, spread_seeds, surface_sums};
 use crate::base::Result;
@@ -21,7 +23,7 @@ use crate::graph::{DualGraph, Node};
 use crate::spectral::exp::exp;
 use crate::store::{Context, MappedSlice, Run};
 
-/// The radii in use, in units of √(area): for turning between faces, cells, and convexity.
+/// The radii in use, in units of √(area): for turning between faces, for cells, and for convexity.
 pub const RADII: [f32; 3] = [0.01, 0.02, 0.04];
 
 const CHUNK: usize = 1 << 14;
@@ -29,13 +31,13 @@ const CHUNK: usize = 1 << 14;
 /// Normals of the nodes (n).
 pub type Normals = MappedSlice<[f32; 3]>;
 
-/// Steps of length only.
+/// The graph weighted by length only.
 pub fn lengths(graph: &DualGraph) -> Csr<'_> {
     graph.edges.by_distance()
 }
 
-/// Normals at radius `r` (in units of √(area)), written to `file`, where as many as `at_a_time` are made side by side:
-/// their fronts share the threads.
+/// Normals at radius `r` (in units of √(area)), written to `file`. `at_a_time` is the number of such calls that run in
+/// parallel and share the threads.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -61,7 +63,7 @@ pub fn smoothed(
     }
     context.work.remove(&format!("{field_file}.partial"));
     let owner_data: &[u32] = owner.data();
-    // Sums of normals are scaled to be near 1.
+    // Brings sums of normals near 1.
     let scale = seeds.len() as f64;
     let sums = surface_sums(graph, shares, owner_data, seeds.len(), 0., context.run)?;
     let cells: Vec<SmoothingCell> = sums.iter().map(|sum| SmoothingCell::of(sum, scale)).collect();
@@ -105,7 +107,7 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     (length > 1e-20).then(|| v.map(|x| x / length))
 }
 
-/// What normals are smoothed over: a piece of the surface.
+/// A piece of the surface over which normals are smoothed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SmoothingCell {
     centre: [f32; 3],
@@ -114,19 +116,19 @@ pub(super) struct SmoothingCell {
 }
 
 impl SmoothingCell {
-    /// Of the faces in `sum`; `scale` brings sums of normals near 1.
+    /// For the faces in `sum`; `scale` brings sums of normals near 1.
     pub(super) fn of(sum: &SurfaceSum, scale: f64) -> Self {
         Self { centre: sum.centroid().map(|x| x as f32), normal: sum.normal.map(|x| (x * scale) as f32) }
     }
 }
 
-/// The factor on squared distances in the exponent of a cell's weight, at radius `r` (in units of √(area)).
+/// The coefficient of squared distances in the exponent of a cell's weight, at radius `r` (in units of √(area)).
 pub(super) fn falloff(r: f32, shares: &AreaShares) -> f32 {
     let spread = 0.54 * r / shares.unit;
     -0.5 / (spread * spread)
 }
 
-/// The normal at `node` smoothed over the cells `near`; its own where they have none.
+/// The normal at `node` smoothed over the cells `near`; the node's own if they have none.
 #[inline]
 pub(super) fn smooth_normal<'a>(node: &Node, near: impl Iterator<Item = &'a SmoothingCell>, falloff: f32) -> [f32; 3] {
     let mut sum = [0f32; 3];
@@ -144,14 +146,14 @@ pub(super) fn smooth_normal<'a>(node: &Node, near: impl Iterator<Item = &'a Smoo
     unit(sum).unwrap_or(node.normal)
 }
 
-/// Which cells touch across an edge.
+/// Which cells share an edge.
 struct CellNeighbours {
     start: Vec<usize>,
     list: Vec<u32>,
 }
 
 impl CellNeighbours {
-    /// The cell `own` and its neighbours; none of no cell, `u32::MAX`.
+    /// The cell `own` and its neighbours; nothing for no cell, `u32::MAX`.
     #[inline]
     fn of(&self, own: u32) -> impl Iterator<Item = u32> + '_ {
         let list = match self.start.get(own as usize..) {
@@ -165,7 +167,7 @@ impl CellNeighbours {
 fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Result<CellNeighbours> {
     let n = owner.len();
     let shared = graph.edges.shared();
-    // Both numbers in one: sorted in half the time.
+    // Both numbers in one word, which sorts in half the time.
     let parts = run.map_ranges(n, CHUNK, |range| {
         shared.will_need(range.clone(), run);
         run.will_need(owner, range.clone());
@@ -173,7 +175,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
         for i in range {
             for (e, j) in shared.entries(i as u32) {
                 let (a, b) = (owner[i], owner[j as usize]);
-                // Bridges have no length and join nothing here.
+                // Bridges have length 0 and do not count as adjacent here.
                 if a != b && a != u32::MAX && b != u32::MAX && shared.length(i as u32, e) != 0. {
                     pairs.push(u64::from(a) << 32 | u64::from(b));
                 }
@@ -184,7 +186,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
         Ok(pairs)
     })?;
     let mut pairs: Vec<u64> = parts.concat();
-    // Runs that are sorted by themselves, which a stable sort merges.
+    // A stable sort, because it merges the sorted runs.
     pairs.sort();
     pairs.dedup();
     let mut start = vec![0; cells + 1];
@@ -197,12 +199,12 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
     Ok(CellNeighbours { start, list: pairs.into_iter().map(|pair| pair as u32).collect() })
 }
 
-/// Rounds of averaging at the most. Contracted meshes take some fifty at the widest radius; faces around one vertex lie
-/// so near to each other that it would be millions.
+/// Maximum number of averaging rounds. Contracted meshes take some fifty at the widest radius; faces around a single
+/// vertex are so close to each other that it would be millions.
 const ROUNDS: f64 = 500.;
 
-/// Normals at radius `r` by (r/h)² rounds of area-weighted averaging over neighbours: for meshes coarse against the
-/// radius, and for contracted ones, which are made of cells already. In memory.
+/// Normals at radius `r` by (r/h)² rounds of area-weighted averaging over neighbours: for meshes coarse compared with
+/// the radius, and for contracted ones, which consist of cells already. In memory.
 ///
 /// # Errors
 /// As [`smoothed`].
@@ -214,12 +216,12 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     let mut normals: Vec<[f32; 3]> = (0..n).map(|i| graph.nodes.at(i).normal).collect();
     let mut next = normals.clone();
     for _ in 0..rounds {
-        // Weighted once, and not again for each neighbour.
+        // Weighted once instead of once per neighbour.
         let weighted: Vec<[f32; 3]> =
             normals.iter().enumerate().map(|(i, normal)| normal.map(|x| x * shares.at(i))).collect();
         context.run.fill_each(&mut next, CHUNK, |i, _| {
             let mut sum = weighted[i];
-            // Bridges have no length, and join nothing here.
+            // Bridges have length 0 and do not count as adjacent here.
             for (j, _) in shared.neighbours(i as u32).filter(|(_, edge)| *edge != 0.) {
                 (0..3).for_each(|axis| sum[axis] += weighted[j as usize][axis]);
             }
@@ -232,8 +234,8 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     array.finish(false)
 }
 
-/// The signed angle between the normals of `a` and `b`, in radians: positive where the edge is concave, or where a
-/// negative `edge` says that the two have no common orientation.
+/// The signed angle between the normals of `a` and `b`, in radians: positive if the edge is concave, or if a negative
+/// `edge` marks the two as not consistently oriented.
 #[inline]
 pub fn dihedral_angle(a: &Node, b: &Node, edge: f32) -> f32 {
     let angle = between(a.normal, b.normal);

@@ -1,12 +1,12 @@
 //! Faces and area of each part: sums over all faces, added up by blocks of faces.
 //!
-//! Each block has sums for all parts, so there are as many blocks as a fixed number of bytes has room for, whatever the
-//! mesh; the more parts, the fewer. The number of threads does not change the result. Cost: 16 bytes per part and
-//! block, [`ROOM`] at the most, or those of one block.
+//! Each block has sums for all parts, so the number of blocks is limited by a fixed number of bytes, whatever the mesh;
+//! the more parts, the fewer blocks. The number of threads does not change the result. Cost: 16 bytes per part and
+//! block, at most [`ROOM`], or one block if that is more.
 
 use crate::base::parallel::chunk_count;
 
-/// Bytes that the sums of all blocks take.
+/// Bytes for the sums of all blocks.
 const ROOM: usize = 4 << 20;
 
 /// Faces and area of each part.
@@ -19,7 +19,7 @@ pub struct PartTotals {
 }
 
 impl PartTotals {
-    /// Nothing in any of `parts` parts.
+    /// Totals of 0 for `parts` parts.
     pub fn new(parts: usize) -> Self {
         Self { faces: vec![0; parts], area: vec![0.; parts] }
     }
@@ -31,7 +31,7 @@ impl PartTotals {
     }
 }
 
-/// Size of the blocks of `n` faces that are summed by `parts` parts: a multiple of `chunk`.
+/// Block size for summing `n` faces by `parts` parts: a multiple of `chunk`.
 pub fn block_size(n: usize, chunk: usize, parts: usize) -> usize {
     let blocks = (ROOM / (16 * parts.max(1))).max(1);
     chunk_count(n, chunk).div_ceil(blocks).max(1) * chunk
@@ -41,7 +41,8 @@ pub fn block_size(n: usize, chunk: usize, parts: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// Regression: each chunk of 2,048 faces kept sums for all parts to the end, 84 MB of four million faces in 2,000.
+    /// Regression: each chunk of 2,048 faces kept sums for all parts until the end, 84 MB for four million faces in
+    /// 2,000 parts.
     #[test]
     fn sums_take_no_more_for_a_larger_mesh() {
         for (n, parts) in [(1, 1), (4_000_000, 2_000), (1_000_000_000, 1_000), (1_000_000_000, 1_000_000)] {
@@ -49,7 +50,7 @@ mod tests {
             let bytes = 16 * parts * chunk_count(n, block);
             assert!(block.is_multiple_of(2_048) && bytes <= ROOM.max(16 * parts), "{n} faces, {parts} parts: {bytes}");
         }
-        // Blocks are chunks where there is room for all of them.
+        // Blocks equal chunks if there is room for all of them.
         assert_eq!(block_size(2_000_000, 2_048, 10), 2_048);
     }
 }

@@ -1,14 +1,14 @@
-//! Whether a mesh's own normals are too rough to measure turning with: all of it looked at, or patches of a large mesh.
+//! Whether a mesh's own normals are too rough for measuring turning: on the whole mesh, or on patches of a large one.
 //!
 //! The measure is P₀/P_.02, total turning with the faces' own normals over that with normals smoothed at .02 of √(area)
-//! ([`super::normals`]). A clean mesh needs no smoothed normals, and smoothing them is what it costs to find that out;
-//! so a mesh of more than [`SAMPLED`] faces shows [`PATCHES`] discs of its surface first. Around the middle of each,
-//! breadth-first walks gather faces up to a distance; what they gather is summed in a grid of boxes, and a smoothed
-//! normal is the sum over the boxes, weighted as sums over micro-cells are.
+//! ([`super::normals`]). A clean mesh needs no smoothed normals, and computing them is what this test would cost; so a
+//! mesh of more than [`SAMPLED`] faces is tested on [`PATCHES`] discs of its surface first. Around the centre of each,
+//! breadth-first walks gather faces up to a distance and sum them in a grid of boxes; a smoothed normal is the sum over
+//! the boxes, weighted like sums over micro-cells.
 //!
 //! Cost: a seventh of the faces are visited, some 80 ns each (.6 s on two threads for 100 million faces); one bit of
-//! memory per face and thread. Where nearly all faces lie in a small place, each disc there would gather nearly all of
-//! them: one that has more than [`MOST`] of all faces ends there, and its mesh is looked at whole.
+//! memory per face and thread. If nearly all faces lie in a small region, each disc there would gather nearly all of
+//! them: a disc stops at [`MOST`] of all faces, and the whole mesh is tested instead.
 
 use super::area_shares::{AreaShares, SurfaceSum};
 use super::normals::{RADII, SmoothingCell, falloff, lengths, smooth_normal};
@@ -19,34 +19,34 @@ use crate::store::Run;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Meshes of more faces than this are judged by patches, where these are clear enough.
+/// Meshes with more faces are judged by patches, if the result is clear enough.
 pub const SAMPLED: usize = 1 << 18;
 
-/// Discs that are looked at.
+/// Number of discs.
 const PATCHES: usize = 48;
-/// Radius of a disc, in units of √(area): near the radius of smoothing, so that a crease in a disc counts
-/// with both kinds of normals.
+/// Radius of a disc, in units of √(area): near the radius of smoothing, so that a crease in a disc counts with both
+/// kinds of normals.
 const DISC: f32 = 0.012;
-/// How far the faces lie that a disc's normals are smoothed over, along the way of the walk.
+/// How far away the faces are that contribute to a disc's smoothed normals, along the walk.
 const REACH: f32 = 0.034;
 /// Width of a box.
 const BOX: f32 = 0.007;
-/// Boxes along an axis: walks stay within [`REACH`] of their middle.
+/// Boxes along an axis: walks stay within [`REACH`] of their centre.
 const BOXES: usize = 2 * (REACH / BOX) as usize + 3;
-/// Share of all faces that are gathered around a disc at the most: 35 times what lies there if all are of one size.
+/// Maximum share of all faces gathered around a disc: 35 times the number if all faces had the same size.
 const MOST: f64 = 0.125;
-/// Faces of a disc whose smoothed normals are looked at, about: these vary slowly.
+/// Approximate number of faces of a disc whose smoothed normals are computed: these vary slowly.
 const LOOKS: usize = 512;
 
-/// P₀ and P_.02, estimated: Σ length · |θ| over the edges with the nodes' own normals and smoothed
-/// ones, in units of √(area). `None` where a disc that turns has too many faces to be gathered.
+/// Estimates of P₀ and P_.02: Σ length · |θ| over the edges with the nodes' own normals and smoothed ones, in units of
+/// √(area). `None` if a disc that turns has too many faces to gather.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn sampled_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Result<Option<[f64; 2]>> {
     let n = graph.nodes.len();
     let patches = PATCHES.min(n);
-    // One is enough: the others need not be walked.
+    // One crowded disc is enough: the others need not be walked.
     let is_crowded = AtomicBool::new(false);
     let sums = run.map_chunks(
         patches,
@@ -56,7 +56,7 @@ pub fn sampled_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Res
             if is_crowded.load(Ordering::Relaxed) {
                 return Ok([0.; 2]);
             }
-            // In the middle of equal runs of nodes.
+            // The disc is centred in the middle of one of equal runs of nodes.
             let turning = patch.turn_of_normals((((2 * k + 1) * n) / (2 * patches)) as u32);
             is_crowded.fetch_or(turning.is_none(), Ordering::Relaxed);
             Ok(turning.unwrap_or_default())
@@ -66,37 +66,37 @@ pub fn sampled_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Res
     Ok((!is_crowded.into_inner()).then(|| total.map(|total| total / patches as f64 * n as f64)))
 }
 
-/// Whether a mesh's own normals are too rough to measure turning with, from its total turning at radius 0 and .02.
-/// Clean meshes have P₀/P_.02 of 1.0–1.3, scans 2.4–3.1, noisy ones up to 30. What does not turn at all is clean.
+/// Whether a mesh's own normals are too rough for measuring turning, given its total turning at radius 0 and .02. Clean
+/// meshes have P₀/P_.02 of 1.0–1.3, scans 2.4–3.1, noisy ones up to 30. A surface without any turning is clean.
 pub fn is_rough(own: f64, coarse: f64) -> bool {
     own > 1.6 * coarse
 }
 
-/// Whether [`sampled_turning`] is enough to say that [`is_rough`] is not so. Between boxes there are no seams as
-/// there are between micro-cells, so a sample's ratio is 1.0 to 4.6 times that of the whole mesh, 1.4 times in
-/// the middle. Of 80 models of the benchmark, refined to 0.2 to 14 million faces, 52 were below 1.75: all with
-/// 1.28 or less over the whole. What does not turn at all, such as a plane, is clean.
+/// Whether [`sampled_turning`] suffices to rule out [`is_rough`]. Unlike micro-cells, boxes have no seams between them,
+/// so a sample's ratio is 1.0 to 4.6 times that of the whole mesh, with a median of 1.4. Of 80 models of the benchmark,
+/// refined to 0.2 to 14 million faces, 52 were below 1.75, all of which have 1.28 or less over the whole mesh. A
+/// surface without any turning, such as a plane, is clean.
 pub fn is_clearly_clean([own, coarse]: [f64; 2]) -> bool {
     own <= 1.75 * coarse
 }
 
-/// Whether a mesh with this [`sampled_turning`] is probably rough: a guess that costs time where it is
-/// wrong, and nothing else.
+/// Whether a mesh with this [`sampled_turning`] is probably rough: a wrong guess only costs time.
 pub fn is_likely_rough([own, coarse]: [f64; 2]) -> bool {
     own >= 2.6 * coarse
 }
 
-/// Which normals a rough mesh wants, from its total turning at .01 and .02: an index into [`super::normals::RADII`].
+/// The radius of normals for a rough mesh, from its total turning at .01 and .02: an index into
+/// [`super::normals::RADII`].
 pub fn choose_radius(fine: f64, coarse: f64) -> usize {
     if fine < 1.2 * coarse { 0 } else { 1 }
 }
 
-/// A disc of a surface and what lies around it; used again for each.
+/// A disc of a surface and its surroundings; buffers are reused for each disc.
 struct Patch<'a> {
     graph: &'a DualGraph,
     shares: &'a AreaShares,
     visited: Visited,
-    /// Nodes in the order of the walk, those still to be walked from last.
+    /// The queue of the walk: nodes with their distances.
     walk: VecDeque<(u32, f32)>,
     disc: Vec<u32>,
     /// The faces in each box.
@@ -118,8 +118,8 @@ impl<'a> Patch<'a> {
         }
     }
 
-    /// The turning of a face in the disc around `middle`, in the mean; nothing where that is in a tiny component.
-    /// `None` where a part of the disc alone could be gathered, and turns.
+    /// The mean turning per face in the disc around `middle`; 0 if that is in a tiny component. `None` if the disc
+    /// could be gathered only in part, and turns.
     fn turn_of_normals(&mut self, middle: u32) -> Option<[f64; 2]> {
         let Self { graph, shares, .. } = *self;
         if shares.at(middle as usize) <= 0. {
@@ -142,12 +142,13 @@ impl<'a> Patch<'a> {
                 }
             }
         }
-        // Middles are drawn by number, so a disc tells the mean of its faces. Each edge has two.
+        // Centres are evenly spread over face numbers, so a disc contributes the mean of its faces. Each edge has two
+        // faces.
         (is_whole || sums[0] == 0.).then(|| sums.map(|sum| sum / (2 * disc.len()) as f64))
     }
 
-    /// Walks over the faces around `middle`: puts the near ones into `disc`, all into `cells`. Whether these are all
-    /// that there are, and not [`MOST`] of the mesh.
+    /// Walks over the faces around `middle`: puts the near ones into `disc`, and all into `cells`. Returns false if the
+    /// walk was cut off at [`MOST`] of the mesh.
     fn gather(&mut self, middle: u32) -> bool {
         let Self { graph, shares, .. } = *self;
         let scale = 1. / shares.unit;
@@ -179,7 +180,7 @@ impl<'a> Patch<'a> {
             }
             for (j, step) in lengths.neighbours(i) {
                 if distance + step <= reach && self.visited.insert(j) {
-                    // It is looked at once all that waits before it has been.
+                    // It will be processed after all nodes already in the queue.
                     nodes.prefetch(j as usize);
                     lengths.prefetch(j);
                     self.walk.push_back((j, distance + step));
@@ -195,7 +196,7 @@ impl<'a> Patch<'a> {
     }
 }
 
-/// Which nodes were visited: a bit each, in pages of 4,096 nodes that are made when needed.
+/// Which nodes were visited: one bit each, in pages of 4,096 nodes that are allocated on demand.
 struct Visited {
     pages: Vec<Option<Box<[u64; 64]>>>,
     made: Vec<u32>,
@@ -206,7 +207,7 @@ impl Visited {
         Self { pages: vec![None; nodes.div_ceil(4096)], made: Vec::new() }
     }
 
-    /// Whether `node` is new.
+    /// Marks `node`; returns whether it is new.
     fn insert(&mut self, node: u32) -> bool {
         let page = self.pages[node as usize / 4096].get_or_insert_with(|| {
             self.made.push(node / 4096);
@@ -227,7 +228,7 @@ impl Visited {
 mod tests {
     use super::{Visited, is_clearly_clean, is_rough};
 
-    /// Regression: half a million faces at one place were smoothed for a minute.
+    /// Regression: half a million faces at one position were smoothed for a minute.
     #[test]
     fn what_does_not_turn_is_clean() {
         assert!(is_clearly_clean([0., 0.]) && is_clearly_clean([1., 1.]) && !is_clearly_clean([1., 0.]));

@@ -1,36 +1,36 @@
-//! Iterative 2-means: parts are halved, one at a time, the one that gains most first.
+//! Iterative 2-means: parts are halved one at a time, the one with the greatest gain first.
 //!
-//! The paper's other method (§7). Each part knows its best split by 2-means and what that split takes off the
-//! cost (the weighted sum of squared distances to the means); the greatest gain is taken until there are as many parts
-//! as asked for. Where only bounds are given, splitting goes on between them as long as a split takes
-//! [`TwoMeansParams::share`] off the cost of the whole. The means of the parts are then centres like those of K-means:
-//! every face goes to the nearest, in the same single pass. Cost: two 2-means per split, on the part's sampled columns
-//! only; about that of K-means in all.
+//! The paper's other method (§7). For each part, the best split by 2-means and its reduction of the cost (the weighted
+//! sum of squared distances to the means) are computed; the split with the greatest gain is made, until there are as
+//! many parts as requested. If only bounds are given, splitting continues between them as long as a split reduces the
+//! cost by [`TwoMeansParams::share`] of that of the whole. The means of the parts are then centres like those of
+//! K-means: every face goes to the nearest, in the same single pass. Cost: two 2-means per split, on the part's sampled
+//! columns only; about that of K-means in all.
 
 use super::kmeans::{KMeans, KMeansParams, WeightedPoints};
 use crate::base::Result;
 use crate::store::Run;
 use serde::{Deserialize, Serialize};
 
-/// Coordinates to embed in where the number of parts is not known.
+/// Dimensions of the embedding if the number of parts is unknown.
 pub const DIMENSIONS: usize = 10;
-/// Parts at the most where their number is not given.
+/// Maximum number of parts if their number is not given.
 pub const MOST: usize = 30;
 
-/// When splitting ends.
+/// When splitting stops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TwoMeansParams {
-    /// Parts at the least.
+    /// Minimum number of parts.
     pub least: usize,
-    /// Parts at the most.
+    /// Maximum number of parts.
     pub most: usize,
-    /// Between these bounds a split must take at least this share of the cost of the undivided whole.
+    /// Between these bounds a split must reduce the cost by at least this share of that of the undivided whole.
     pub share: f64,
 }
 
 impl TwoMeansParams {
-    /// Between `least` and `most` parts, by the measured share: on half of the benchmark's even models, 1 − Rand is
-    /// .189, .171, .165, .193, .251 with shares of .015, .03, .06, .1, .15.
+    /// Between `least` and `most` parts, with the best measured share: on half of the benchmark's even models, 1 − Rand
+    /// is .189, .171, .165, .193, .251 with shares of .015, .03, .06, .1, .15.
     pub fn between(least: usize, most: usize) -> Self {
         Self { least, most, share: 0.06 }
     }
@@ -63,7 +63,7 @@ impl Part {
         Self { members, mean, cost }
     }
 
-    /// The best split found, unless all points are one.
+    /// The best split found; `None` if all points coincide.
     fn split(&self, points: WeightedPoints<'_>, dimensions: usize, run: &Run) -> Result<Option<Halving>> {
         let m = self.members.len();
         if m < 2 || self.cost <= 0. {
@@ -89,14 +89,14 @@ impl Part {
     }
 }
 
-/// A part in two, and what that takes off the cost.
+/// A part divided in two, and the reduction of the cost.
 struct Halving {
     gain: f64,
     halves: [Part; 2],
 }
 
 /// Splits weighted points with `dimensions` coordinates; the means of the parts are the centres. There are always as
-/// many as asked for: where the points have fewer distinct positions, the last centre is repeated.
+/// many as requested: if the points have fewer distinct positions, the last centre is repeated.
 ///
 /// ```
 /// use nystrom_stream::cluster::kmeans::WeightedPoints;

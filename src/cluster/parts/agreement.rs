@@ -1,16 +1,16 @@
-//! How many people would have a part: small for bands, slivers and crumbs, and for patches of a
-//! surface that has no parts.
+//! The share of people who would have a given part: small for bands, slivers and crumbs, and for patches of a surface
+//! without clear parts.
 //!
 //! A logistic function of a part's mean confidence and of its width, fitted to the parts that the program finds on the
-//! Princeton benchmark. Its target is the share of people who have such a part, that is one of which more than half of
-//! both together is in common. Two measures suffice: the confidence says whether the decision could do without the
-//! boundary, the width whether the part is one that people name. Area, compactness and neighbours in addition predicted
-//! no better on models that were not fitted to; docs/quality.md has the figures.
+//! Princeton benchmark. Its target is the share of people whose segmentation has such a part: one that overlaps it by
+//! more than half of their union. Two measures suffice: the confidence shows whether the boundary is essential to the
+//! decision, the width whether the part is one that people name. Adding area, compactness and neighbours predicted no
+//! better on held-out models; docs/quality.md has the figures.
 //!
-//! It is reported, and tells [`super::ambiguous`] what to join. Cost: a pass over the cells.
+//! It is reported, and [`super::ambiguous`] uses it to select patches. Cost: a pass over the cells.
 //!
-//! Also here: how sure a part is ([`confidence`]), from the co-association, R², and on how many pairs of points people
-//! are expected to differ from all parts together ([`disagreement`]).
+//! Also here: the certainty of a part ([`confidence`]), from the co-association, R², and the share of pairs of points
+//! on which people are expected to differ from a segmentation ([`disagreement`]).
 
 use super::cell_graph::class_sums;
 use super::ensemble::Superfaces;
@@ -19,37 +19,37 @@ use super::matrix::Square;
 use crate::spectral::exp::exp_signed;
 use libm::log as ln;
 
-/// Below this share a part is unsure: most people would not have it.
+/// Below this share a part is uncertain: most people would not have it.
 pub const UNSURE: f64 = 0.5;
-/// Mean share by area below which a surface has no clear parts.
+/// Area-weighted mean share below which a surface has no clear parts.
 pub const UNCLEAR: f64 = 0.57;
-/// Constant, factor of the confidence, factor of the logarithm of the width.
+/// Constant, coefficient of the confidence, coefficient of the logarithm of the width.
 const FITTED: [f64; 3] = [0.68, 3.28, 0.96];
-/// Factor and power that turn the expected disagreement of the ensemble into that of people.
+/// Factor and power that convert the disagreement expected by the ensemble to that of people.
 const PEOPLE: [f64; 2] = [0.57, 0.59];
-/// Widths are kept within these: a part with no boundary has no width.
+/// Widths are clamped to this range: a part with no boundary has no width.
 const WIDTHS: [f64; 2] = [1e-3, 1.];
 
-/// The share of people, 0 to 1, who are expected to have a part of mean confidence `confidence`, 0 to 1, and of
-/// `width`: twice its area over the length of its boundary with others, in units of the root of the whole area.
+/// The share of people, 0 to 1, expected to have a part of mean confidence `confidence`, 0 to 1, and `width`: twice its
+/// area over the length of its boundary with other parts, in units of the square root of the total area.
 pub fn expected(confidence: f64, width: f64) -> f64 {
     let [constant, sure, wide] = FITTED;
     let odds = constant + sure * confidence + wide * ln(width.clamp(WIDTHS[0], WIDTHS[1]));
     1. / (1. + exp_signed(-odds))
 }
 
-/// The share of pairs of points, 0 to 1, on which a person is expected to differ, where the ensemble's
-/// own estimate is `expected`.
+/// The share of pairs of points, 0 to 1, on which a person is expected to differ, given the ensemble's own estimate
+/// `expected`.
 ///
-/// The probabilities of merges are fitted to what the majority decides, not to how many people decide so. The ensemble
-/// is therefore too sure: its estimate is about half of the disagreement that is found. A factor and a power, fitted to
-/// the parts found on the Princeton benchmark and checked on categories that were left out, correct that.
+/// The probabilities of merges are fitted to the decision of the majority, not to the share of people who make it. The
+/// ensemble is therefore overconfident: its estimate is about half of the actual disagreement. A factor and a power,
+/// fitted to the parts found on the Princeton benchmark and validated on held-out categories, correct that.
 pub fn disagreement(expected: f64) -> f64 {
     let [factor, power] = PEOPLE;
     (factor * exp_signed(power * ln(expected))).min(1.)
 }
 
-/// [`expected`] for each of the `parts` that `label` (S) makes of the cells of `tree`, whose labels are as sure as
+/// [`expected`] for each of the `parts` given by `label` (S) on the cells of `tree`, whose labels have this
 /// `confidence` (S) and which have these `shares` of the area (S).
 pub(super) fn of_parts(tree: &PartTree, label: &[u32], parts: usize, confidence: &[f64], shares: &[f64]) -> Vec<f64> {
     let mut boundary = vec![0.; parts];
@@ -63,8 +63,8 @@ pub(super) fn of_parts(tree: &PartTree, label: &[u32], parts: usize, confidence:
     of_boundaries(label, confidence, shares, &boundary)
 }
 
-/// [`expected`] for each part of the labels `label` of any pieces of a surface, which are as sure as `confidence` and
-/// have these `shares` of the area; `boundary` is the length of each part's boundary with others.
+/// [`expected`] for each part of the labels `label` of arbitrary pieces of a surface with this `confidence` and these
+/// `shares` of the area; `boundary` is the length of each part's boundary with others.
 pub(super) fn of_boundaries(label: &[u32], confidence: &[f64], shares: &[f64], boundary: &[f64]) -> Vec<f64> {
     let sure: Vec<f64> = confidence.iter().zip(shares).map(|(c, a)| c * a).collect();
     let parts = boundary.len();
@@ -72,8 +72,8 @@ pub(super) fn of_boundaries(label: &[u32], confidence: &[f64], shares: &[f64], b
     (0..parts).map(|k| expected(sure[k] / area[k].max(1e-300), 2. * area[k] / boundary[k].max(1e-9))).collect()
 }
 
-/// How sure each superface's part is: the mean of C to the rest of its own part less the greatest mean
-/// to another part, within \[0, 1\].
+/// The certainty of each superface's label: its mean C to the rest of its own part minus the greatest mean to another
+/// part, clamped to \[0, 1\].
 pub fn confidence(superfaces: &Superfaces, co_association: &Square, label: &[u32], parts: usize) -> Vec<f64> {
     let n = superfaces.len();
     let mut weighted = Square::zeros(n);
@@ -104,7 +104,7 @@ mod tests {
     #[test]
     fn people_differ_more_than_the_ensemble_expects() {
         assert_eq!([disagreement(0.), disagreement(1.)], [0., PEOPLE[0]]);
-        // Fifths of the benchmark's models: what the ensemble expects, and 1 − Rand to people.
+        // Fifths of the benchmark's models: the ensemble's expectation, and the measured 1 − Rand to people.
         for (expected, found) in [(0.007, 0.030), (0.018, 0.058), (0.032, 0.072), (0.053, 0.094), (0.099, 0.151)] {
             assert!((disagreement(expected) - found).abs() < 0.01, "{expected}: {}", disagreement(expected));
         }
@@ -115,7 +115,7 @@ mod tests {
         assert!(expected(0.9, 0.4) > 0.9 && expected(0.2, 0.05) < 0.2);
         assert!(expected(0.5, 0.3) > expected(0.4, 0.3) && expected(0.5, 0.3) > expected(0.5, 0.1));
         assert_eq!([expected(0.5, 0.), expected(0.5, f64::INFINITY)], [expected(0.5, 1e-3), expected(0.5, 1.)]);
-        // Four cells in a row: a narrow one between wide ones, and one that touches nothing.
+        // Four cells in a row: a narrow one between wide ones, and an isolated one.
         let cells = CellGraph {
             area: vec![0.4, 0.02, 0.38, 0.2],
             pairs: vec![[0, 1], [1, 2]],

@@ -1,35 +1,36 @@
-//! Ambiguous patches: small parts that hardly anybody would have, joined to the neighbour that they
-//! most probably belong to.
+//! Ambiguous patches: small parts that hardly anybody would have. Each is joined to the neighbour that it most probably
+//! belongs to.
 //!
-//! A patch between two parts may belong to either, with a probability a little below ½ each. The labelling of the
-//! greatest expected Rand index then leaves it alone, since alone it is wrong about the fewest pairs; but no
-//! person has such a part. So a part goes if it is small, if few people are expected to have it
-//! ([`super::agreement`]), and if it may well belong to a neighbour. What is clearly apart from all its neighbours
-//! stays, however small: a finger, a horn.
+//! A patch between two parts may belong to either, with a probability a little below ½ each. The labelling of greatest
+//! expected Rand index then keeps it separate, since that is wrong about the fewest pairs; but no person has such a
+//! part. So a part is joined if it is small, if few people are expected to have it ([`super::agreement`]), and if it
+//! may well belong to a neighbour. A part clearly distinct from all its neighbours stays, however small: a finger, a
+//! horn.
 //!
-//! On the benchmark this takes 4 % of the parts, moves 1 − Rand by less than its noise and improves Hamming distance
-//! and consistency (docs/quality.md). In the hierarchy they come back above ½, so a finer cut still has them.
+//! On the benchmark this removes 4 % of the parts, changes 1 − Rand by less than its noise and improves Hamming
+//! distance and consistency (docs/quality.md). In the hierarchy these parts reappear above ½, so a finer cut still has
+//! them.
 //!
-//! Cost: R² for each patch, of which there are a dozen at the most.
+//! Cost: R² for each patch, of which there are at most a dozen.
 
 use super::agreement::{confidence, of_boundaries};
 use super::cell_graph::{CellGraph, class_sums, compact};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
 
-/// Share of people expected to have such a patch, at the most. With .3, and without the bound on the mean of C, 1 −
-/// Rand is .0004 to .0009 greater.
+/// Maximum share of people expected to have such a patch. With .3, and without the bound on the mean of C, 1 − Rand is
+/// .0004 to .0009 greater.
 const AGREEMENT: f64 = 0.25;
-/// The same for patches below [`TINY`]: one ear of a scanned horse, for instance.
+/// The same for patches below [`TINY`], such as one ear of a scanned horse.
 const AGREEMENT_TINY: f64 = 0.333;
-/// Share of the area of a tiny patch, at the most. Two of 190 models have a part that goes by this bound alone.
+/// Maximum share of the area of a tiny patch. Two of 190 models have a part that is removed by this bound alone.
 const TINY: f64 = 0.0075;
-/// Share of the area that a patch has, at the most.
+/// Maximum share of the area of a patch.
 const LARGEST: f64 = 0.015;
-/// Least mean of C between a patch and the neighbour that it joins.
+/// Minimum mean of C between a patch and the neighbour that it joins.
 const MEAN: f64 = 0.3;
 
-/// The labels (R) of the superfaces of `cells` with every ambiguous patch of `label` joined to a neighbour, numbered by
+/// Joins every ambiguous patch of `label` to a neighbour. Returns labels (R) of the superfaces of `cells`, numbered by
 /// first appearance; C is R × R.
 pub(super) fn without_ambiguous(
     cells: &CellGraph,
@@ -41,7 +42,8 @@ pub(super) fn without_ambiguous(
     let shares: Vec<f64> = superfaces.area.iter().map(|area| area / total).collect();
     let boundaries = superfaces.shared_boundaries(cells);
     let (mut label, mut parts) = compact(label);
-    // A patch that joins another may make a part that stays: one at a time, the least likely first.
+    // Joining a patch may make the other part one that stays, so patches are joined one at a time, the least likely
+    // first.
     while let Some(join) = worst(superfaces, co_association, &shares, &boundaries, &label, parts) {
         label.iter_mut().filter(|k| **k == join.patch as u32).for_each(|k| *k = join.into as u32);
         (label, parts) = compact(&label);
@@ -49,13 +51,14 @@ pub(super) fn without_ambiguous(
     label
 }
 
-/// A patch and the part that it joins.
+/// A patch and the part that it is joined to.
 struct Join {
     patch: usize,
     into: usize,
 }
 
-/// The patch that the fewest people would have; `boundaries` are the lengths of boundaries between two superfaces.
+/// The patch that the fewest people would have, if there is one; `boundaries` are the lengths of boundaries between two
+/// superfaces.
 fn worst(
     superfaces: &Superfaces,
     co_association: &Square,
@@ -93,7 +96,7 @@ fn worst(
     least.map(|(_, join)| join)
 }
 
-/// Mean of C, by area, between part `one` and every part.
+/// Area-weighted mean of C between part `one` and every part.
 fn means_to(co_association: &Square, shares: &[f64], label: &[u32], area: &[f64], one: usize) -> Vec<f64> {
     let mut sums = vec![0.; area.len()];
     for (i, _) in label.iter().enumerate().filter(|&(_, &k)| k as usize == one) {
@@ -108,7 +111,7 @@ fn means_to(co_association: &Square, shares: &[f64], label: &[u32], area: &[f64]
 mod tests {
     use super::*;
 
-    /// A row of parts of one superface and one cell each, beside each other at boundaries of .5: their shares, and C
+    /// A row of parts of one superface and one cell each, with boundaries of .5 between neighbours: their shares, and C
     /// between neighbours; C is .3 between others.
     fn joined(shares: &[f64], between: &[f64]) -> Vec<u32> {
         let n = shares.len();
@@ -139,7 +142,7 @@ mod tests {
     fn what_is_large_or_clearly_apart_stays() {
         assert_eq!(joined(&[0.5, 0.03, 0.47], &[0.44, 0.47]), [0, 1, 2]);
         assert_eq!(joined(&[0.5, 0.01, 0.49], &[0.2, 0.25]), [0, 1, 2]);
-        // A part that touches nothing has no neighbour to join.
+        // An isolated part has no neighbour to join.
         assert_eq!(joined(&[0.01], &[]), [0]);
     }
 

@@ -1,6 +1,6 @@
-//! What a decision is, what it answers when it is asked for parts, and the figures told of them.
+//! The result of deciding on parts, the cut for given options, and the figures reported about it.
 //!
-//! A decision is kept once; each number of parts and each detail is another cut of its hierarchy. Cost: milliseconds.
+//! A decision is stored once; each number of parts and each detail is another cut of its hierarchy. Cost: milliseconds.
 
 use super::agreement;
 use super::cell_graph::CellGraph;
@@ -14,42 +14,42 @@ use super::{PartCount, PartsParams};
 use crate::base::Result;
 use serde::{Deserialize, Serialize};
 
-/// A decision: the superfaces it is made of, how far any two belong together, and the hierarchy.
+/// A decision: its superfaces, the probability that any two belong together, and the hierarchy.
 #[derive(Clone, Debug)]
 pub struct PartDecision {
     /// The superfaces.
     pub superfaces: Superfaces,
-    /// How far any two superfaces belong together, in \[0, 1\] (R × R).
+    /// The probability that any two superfaces belong together, in \[0, 1\] (R × R).
     pub co_association: Square,
     /// The hierarchy.
     pub tree: PartTree,
-    /// What the surface encloses, as far as that was looked for.
+    /// What the surface encloses, if that was examined.
     pub enclosed: Enclosed,
-    /// Whether each cell is the wall of a cavity (S); empty where nothing is enclosed.
+    /// Whether each cell is the wall of a cavity (S); empty if nothing is enclosed.
     pub is_wall: Vec<bool>,
 }
 
 impl PartDecision {
-    /// A decision on a surface of which nothing is known to be enclosed.
+    /// A decision on a surface that is not known to enclose anything.
     pub fn of(superfaces: Superfaces, co_association: Square, tree: PartTree) -> Self {
         Self { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() }
     }
 
-    /// How far the `cells` that it was made on belong together. They must be finite ([`CellGraph::cleaned`]).
+    /// The affinities of the `cells` that it was made on. They must be finite ([`CellGraph::cleaned`]).
     pub fn affinities<'a>(&'a self, cells: &'a CellGraph) -> Affinities<'a> {
         let Self { superfaces, co_association, tree, .. } = self;
         Affinities { cells, superfaces, co_association, small_part: f64::from(tree.small_part) }
     }
 }
 
-/// The parts, and what is worth telling or keeping of them.
+/// The parts with their report.
 #[derive(Clone, Debug)]
 pub struct PartsResult {
     /// Part of each cell (S), numbered by first appearance.
     pub label: Vec<u32>,
     /// Number of parts.
     pub parts: usize,
-    /// How sure the part of each cell is, in \[0, 1\] (S).
+    /// The confidence in the part of each cell, in \[0, 1\] (S).
     pub confidence: Vec<f64>,
     /// Figures for the report.
     pub report: PartsReport,
@@ -64,14 +64,13 @@ pub struct PartsReport {
     pub landmarks: usize,
     /// Superfaces: intersections of all regions of the ensemble.
     pub superfaces: usize,
-    /// Number of parts found when none is given.
+    /// Number of parts found if none is requested.
     pub parts_found: usize,
     /// Share of pairs of points, by area, on which a person is expected to differ ([`agreement::disagreement`]).
     pub expected_disagreement: f64,
-    /// Mean confidence by area.
+    /// Area-weighted mean confidence.
     pub mean_confidence: f64,
-    /// Share of people who are expected to have each part ([`agreement`]); empty where the parts are
-    /// not the decision's alone.
+    /// Share of people expected to have each part ([`agreement`]); empty if the parts are not those of the decision.
     #[serde(default)]
     pub expected_agreement: Vec<f64>,
     /// What the surface encloses.
@@ -82,8 +81,8 @@ pub struct PartsReport {
 }
 
 impl PartsReport {
-    /// Mean of [`PartsReport::expected_agreement`] by the `area` of the parts; none where that is empty. What has an
-    /// area and no expectation, such as tiny components that are a part of their own, does not count.
+    /// Mean of [`PartsReport::expected_agreement`], weighted by the `area` of the parts; `None` if that is empty. Parts
+    /// without an expectation, such as tiny components that are a part of their own, do not count.
     fn mean_agreement(&self, area: &[f64]) -> Option<f64> {
         let all = || self.expected_agreement.iter().zip(area);
         let total: f64 = all().map(|(_, area)| area).sum();
@@ -91,18 +90,18 @@ impl PartsReport {
         (!self.expected_agreement.is_empty()).then(|| if total > 0. { sum / total } else { 0. })
     }
 
-    /// Whether the surface falls into parts, of this `area` each, that people would agree on; none where that is not
-    /// known. A surface of one part does not.
+    /// Whether the surface has parts, of these `area`s, that people would agree on; `None` if that is unknown. A
+    /// surface of one part has not.
     pub fn has_clear_parts(&self, area: &[f64]) -> Option<bool> {
         self.mean_agreement(area).map(|mean| mean >= agreement::UNCLEAR && self.expected_agreement.len() > 1)
     }
 }
 
 impl PartTree {
-    /// The cut that some options ask for.
+    /// The cut for the given options.
     ///
     /// # Errors
-    /// A number of parts that cannot be had.
+    /// A number of parts that is not possible.
     pub fn cut_for(&self, count: PartCount, detail: f64) -> Result<TreeCut> {
         match count {
             PartCount::Found => Ok(self.cut_detail(detail)),
@@ -112,7 +111,7 @@ impl PartTree {
     }
 }
 
-/// The answer of `decided`, from `l` rows in `seconds`, that `params` asks for. Milliseconds.
+/// The answer of `decided` for `params`, given the number `l` of rows and the `seconds` it took. Milliseconds.
 ///
 /// # Errors
 /// More parts than cells, or an empty range.
@@ -120,14 +119,14 @@ pub fn cut(decided: &PartDecision, l: usize, seconds: f64, params: &PartsParams)
     Ok(describe(decided, decided.tree.cut_for(params.count, params.detail)?, l, seconds))
 }
 
-/// The answer of `decided`, from `l` rows in `seconds`, whose parts are those of `cut`: a cut of its hierarchy,
-/// or one that was corrected.
+/// The answer of `decided`, given the number `l` of rows and the `seconds` it took, with the parts of `cut`: a cut of
+/// its hierarchy, or an edited one.
 pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) -> PartsResult {
     let PartDecision { superfaces, co_association, tree, enclosed, .. } = decided;
-    // Kept in single precision, they sum to nearly 1.
+    // Stored in single precision, they sum only nearly to 1.
     let total: f64 = tree.area.iter().map(|&share| f64::from(share)).sum();
     let shares: Vec<f64> = tree.area.iter().map(|&share| f64::from(share) / total).collect();
-    // A cut may divide superfaces, or move a loose piece of one: a superface's label is its first cell's.
+    // A cut may divide superfaces, or move a loose piece of one: a superface gets the label of its first cell.
     let label = superfaces.labels(&cut.label);
     let sure = agreement::confidence(superfaces, co_association, &label, cut.parts);
     let confidence: Vec<f64> = superfaces.of_cell.iter().map(|&a| sure[a as usize]).collect();

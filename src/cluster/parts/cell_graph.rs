@@ -1,8 +1,8 @@
-//! The graph of cells, which is all that the decisions see of a surface, and what labellings of it need.
+//! The graph of cells, which is all that the decisions use of a surface, and operations on labellings of it.
 //!
-//! Numbering by first appearance, intersections, sums over classes, connected pieces, and the joining of pieces too
-//! small to be meant. Some two thousand cells and six thousand pairs, whatever the size of the mesh: S log S or S + m
-//! steps each, but for joining, which is S per class that joins.
+//! Numbering by first appearance, intersections, sums over classes, connected pieces, and the joining of pieces that
+//! are too small. Some two thousand cells and six thousand pairs, whatever the size of the mesh: S log S or S + m steps
+//! each, except joining, which takes S per class that joins.
 
 use crate::base::sort::sort_by;
 use crate::base::union_find::Forest;
@@ -10,13 +10,14 @@ use crate::base::{Error, Result};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-/// A surface as a graph of some two thousand geodesic cells, all that the decisions see of it.
+/// A surface as a graph of some two thousand geodesic cells, all that the decisions use of it.
 ///
 /// Lengths are in units of √(total area), so areas sum to 1; angles in radians. `S` cells,
 /// `m` pairs of neighbouring cells, each pair once.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CellGraph {
-    /// Node that each cell grew from (S): its name in random draws. Cells without one are called by their number.
+    /// The node that each cell grew from (S), which identifies it in random draws. Without it, cells are identified by
+    /// their number.
     #[serde(default)]
     pub seed: Vec<u32>,
     /// Area of each cell (S).
@@ -29,18 +30,18 @@ pub struct CellGraph {
     pub pairs: Vec<[u32; 2]>,
     /// Length of the common boundary of each pair (m).
     pub length: Vec<f64>,
-    /// Length-weighted mean concave angle along the boundary, convex edges counting as 0, from
-    /// normals smoothed over a radius of .02 (m).
+    /// Length-weighted mean concave angle along the boundary, with convex edges counted as 0, from normals smoothed
+    /// over a radius of .02 (m).
     pub concave: Vec<f64>,
-    /// The same of convex angles (m).
+    /// The same for convex angles (m).
     pub convex: Vec<f64>,
-    /// Mean convex angle from normals smoothed over .04 (m).
+    /// Mean convex angle from normals smoothed over a radius of .04 (m).
     pub convex04: Vec<f64>,
 }
 
-/// Areas are raised to this share of the mean cell's, so that none is zero.
+/// Areas are at least this share of the mean cell's, so that none is zero.
 const AREA_FLOOR: f64 = 1e-6;
-/// Boundaries are raised to this length: a pair of neighbours stays one.
+/// Boundaries have at least this length, so that neighbours stay neighbours.
 const LENGTH_FLOOR: f64 = 1e-9;
 
 impl CellGraph {
@@ -49,7 +50,7 @@ impl CellGraph {
         self.area.len()
     }
 
-    /// The cells that each cell touches (S), in the order of pairs.
+    /// The neighbours of each cell (S), in the order of pairs.
     pub fn neighbours(&self) -> Vec<Vec<u32>> {
         let mut beside = vec![Vec::new(); self.len()];
         for &[i, j] in &self.pairs {
@@ -59,7 +60,7 @@ impl CellGraph {
         beside
     }
 
-    /// Whether there is no cell.
+    /// Whether there are no cells.
     pub fn is_empty(&self) -> bool {
         self.area.is_empty()
     }
@@ -69,12 +70,12 @@ impl CellGraph {
         self.area.iter().sum()
     }
 
-    /// Radius of the disc that is as large as each cell (S).
+    /// Radius of a disc with the area of each cell (S).
     pub fn radii(&self) -> Vec<f64> {
         self.area.iter().map(|a| (a / PI).sqrt()).collect()
     }
 
-    /// What each cell is called in random draws (S).
+    /// The identifier of each cell in random draws (S).
     pub fn names(&self) -> Vec<u32> {
         if self.seed.len() == self.len() { self.seed.clone() } else { (0..self.len() as u32).collect() }
     }
@@ -85,7 +86,7 @@ impl CellGraph {
         self.area.iter().map(|a| a / total).collect()
     }
 
-    /// The surface that is left of the cells `kept`, ascending, in units of its own area. Cell k is `kept[k]`.
+    /// The surface restricted to the cells `kept`, ascending, in units of its own area. Cell k is `kept[k]`.
     pub fn subset(&self, kept: &[u32]) -> CellGraph {
         let mut number = vec![None; self.len()];
         kept.iter().zip(0u32..).for_each(|(&i, k)| number[i as usize] = Some(k));
@@ -116,8 +117,8 @@ impl CellGraph {
         g
     }
 
-    /// A copy that is safe to compute with: floored areas and lengths, finite numbers, normals
-    /// of unit length or zero, no cell beside itself.
+    /// A copy that is safe to compute with: minimum areas and lengths, finite numbers, normals of unit length or zero,
+    /// no cell adjacent to itself.
     ///
     /// # Errors
     /// If the arrays' sizes disagree or a pair names a cell that does not exist.
@@ -164,7 +165,7 @@ impl CellGraph {
     }
 }
 
-/// Connected pieces of the classes of a labelling, numbered by first appearance, and how many.
+/// Connected pieces of the classes of a labelling, numbered by first appearance, and their number.
 pub fn connected_pieces(pairs: &[[u32; 2]], label: &[u32]) -> (Vec<u32>, usize) {
     let mut sets = Forest::new(label.len());
     for &[i, j] in pairs {
@@ -175,10 +176,10 @@ pub fn connected_pieces(pairs: &[[u32; 2]], label: &[u32]) -> (Vec<u32>, usize) 
     compact(&sets.labels())
 }
 
-/// The pieces of each class of `label` (S), of which there are `parts`, that came together since the labels were
-/// `before` (S): its connected pieces, and of these what were classes that mostly became part of it. Classes of the
-/// same cells as before stay whole. The first piece of a class has its number, further ones follow after the last;
-/// second the class of each of these.
+/// Splits each class of `label` (S), of which there are `parts`, that was joined since the labels were `before` (S):
+/// into its connected pieces, and these into the earlier classes that mostly became part of it. Classes with the same
+/// cells as before stay whole. The first piece of a class keeps its number, further ones are numbered after the last.
+/// Also returns the class of each of the further pieces.
 pub fn joined_pieces(pairs: &[[u32; 2]], label: &[u32], before: &[u32], parts: usize) -> (Vec<u32>, Vec<u32>) {
     let mut shared: BTreeMap<(u32, u32), usize> = BTreeMap::new();
     before.iter().zip(label).for_each(|(&then, &now)| *shared.entry((then, now)).or_default() += 1);
@@ -210,8 +211,8 @@ pub fn joined_pieces(pairs: &[[u32; 2]], label: &[u32], before: &[u32], parts: u
     (numbered.collect(), further)
 }
 
-/// Classes from `lowest` on with less than `limit` of the area join, smallest first, the
-/// neighbour with which they share the longest boundary; those without neighbours stay.
+/// Joins classes from `lowest` on with less than `limit` of the area, smallest first, to the neighbour with which they
+/// share the longest boundary; those without neighbours stay.
 ///
 /// `label` numbers classes 0, 1, …; so does the result.
 pub fn join_small(
@@ -273,7 +274,7 @@ pub fn join_small(
     compact(&label.iter().map(|&k| into[k as usize]).collect::<Vec<_>>())
 }
 
-/// Renumbers labels 0, 1, … in order of first appearance; also how many there are.
+/// Renumbers labels 0, 1, … in order of first appearance; also returns their number.
 pub fn compact(label: &[u32]) -> (Vec<u32>, usize) {
     let mut number = vec![u32::MAX; label.iter().max().map_or(0, |&m| m as usize + 1)];
     let mut next = 0;
@@ -291,7 +292,7 @@ pub fn compact(label: &[u32]) -> (Vec<u32>, usize) {
     (out, next as usize)
 }
 
-/// The intersections of two labellings of the same things, numbered by first appearance.
+/// The intersections of two labellings of the same items, numbered by first appearance.
 pub fn intersect(a: &[u32], b: &[u32]) -> (Vec<u32>, usize) {
     let mut order: Vec<(u32, u32, u32)> = a.iter().zip(b).zip(0u32..).map(|((&a, &b), i)| (a, b, i)).collect();
     order.sort_unstable();
@@ -317,9 +318,9 @@ pub const SMALL_PART: f64 = 0.003;
 
 /// Joins connected pieces with less than `limit` of the area to their neighbours, smallest first.
 ///
-/// `label` is the part of each cell, `shares` area shares. With `whole_too` parts that are small as a
-/// whole go as well; without, the largest piece of every part stays, and so does their number.
-/// Returns labels numbered by first appearance, and how many.
+/// `label` is the part of each cell, `shares` its area share. With `whole_too`, parts that are small as a whole are
+/// joined as well; without it, the largest piece of every part stays, and so does the number of parts. Returns labels
+/// numbered by first appearance, and their number.
 pub fn small_parts(
     pairs: &[[u32; 2]],
     length: &[f64],
@@ -347,8 +348,8 @@ pub fn small_parts(
     let apart: Vec<u32> =
         piece.iter().zip(&label).map(|(&p, &k)| if loose[p as usize] { parts as u32 + p } else { k }).collect();
     let (mut joined, classes) = join_small(pairs, length, shares, &apart, limit, if whole_too { 0 } else { parts });
-    // Those that found no part beside them, on components of their own, stay with the part they
-    // were of: no class may be made of loose pieces alone.
+    // Pieces without an adjacent part, on components of their own, return to the part that they came from: no class may
+    // consist of loose pieces alone.
     let mut firm = vec![false; classes];
     let mut of_piece = vec![0u32; pieces];
     for (&k, &p) in joined.iter().zip(&piece) {
@@ -382,12 +383,12 @@ mod tests {
         let pairs = strip(6).0;
         let label = [0, 1, 1, 0, 0, 1];
         assert_eq!(joined_pieces(&pairs, &label, &label, 2), (label.to_vec(), vec![]));
-        // 0 lost its first cell to 1, of which the last cell was a class of its own.
+        // 0 lost its first cell to 1, whose last cell was a class of its own.
         let now = [1, 1, 1, 0, 0, 1];
         assert_eq!(joined_pieces(&pairs, &now, &[0, 1, 1, 0, 0, 2], 2), (vec![1, 1, 1, 0, 0, 2], vec![1]));
-        // The first two cells were a class, of which all has joined 1.
+        // The first two cells were a class, all of which joined 1.
         assert_eq!(joined_pieces(&pairs, &now, &[2, 2, 1, 0, 0, 3], 2), (vec![1, 1, 2, 0, 0, 3], vec![1, 1]));
-        // Other numbers are no other classes.
+        // Renumbered classes are the same classes.
         assert_eq!(joined_pieces(&pairs, &label, &[1, 0, 0, 1, 1, 0], 2), (label.to_vec(), vec![]));
     }
 
@@ -443,7 +444,7 @@ mod tests {
         let kept = small_parts(&pairs, &[1.0; 9], &[0.1; 10], &loose, 0.15, false);
         assert_eq!(kept.1, 3);
         assert_eq!(kept.0[3], 0);
-        // Two loose cells on a component of their own: back to their parts.
+        // Two loose cells on a component of their own return to their parts.
         let mut pairs = pairs;
         pairs.retain(|p| *p != [7, 8]);
         let torn = [0, 0, 0, 0, 1, 1, 1, 1, 0, 1];

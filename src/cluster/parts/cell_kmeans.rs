@@ -1,13 +1,13 @@
 //! Weighted K-means for a few thousand points, seeded by greedy k-means++.
 //!
-//! Points lie in blocks of sixteen, one coordinate after the other, so that distances to a few centres at a time
-//! are plain vector arithmetic in single precision; centres are summed in double precision and in
-//! point order. The result depends on the points, the weights and the random stream alone.
+//! Points are stored in blocks of sixteen, coordinate by coordinate, so that distances to a few centres at a time are
+//! plain vector arithmetic in single precision; centres are summed in double precision and in point order. The result
+//! depends only on the points, the weights and the random stream.
 //!
-//! [`crate::cluster::kmeans`] fits centres to sampled faces, coordinate by coordinate and over threads. This one
-//! labels cells, runs a dozen times in each decision, is laid out for vectors on a single thread, and draws its
-//! seeds so that small changes of the points change few of them ([`crate::base::random::raced`]). Cost: n k d
-//! multiply-adds per round, 8 n d bytes.
+//! [`crate::cluster::kmeans`] fits centres to sampled faces, coordinate by coordinate and on all threads. This one
+//! labels cells, runs a dozen times in each decision, is vectorised for a single thread, and draws its seeds so that
+//! small changes of the points change few of them ([`crate::base::random::raced`]). Cost: n k d multiply-adds per
+//! round, 8 n d bytes.
 
 use crate::base::random::{Random, raced};
 use crate::base::simd::{SimdKernel, dispatch};
@@ -15,17 +15,17 @@ use rand_xoshiro::rand_core::Rng;
 
 /// Points per block.
 const LANES: usize = 16;
-/// Centres that a block is compared with at a time: what is loaded of it serves all of them.
+/// Number of centres compared with a block at a time, so that loaded points are used several times.
 const GROUP: usize = 4;
 
-/// How to run a K-means.
+/// Parameters of a K-means.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellKMeans {
-    /// Clusters wanted; no more than there are points are made.
+    /// Number of clusters; capped at the number of points.
     pub clusters: usize,
-    /// Independent starts, of which the cheapest is kept.
+    /// Independent starts, of which the one with the least cost is kept.
     pub restarts: usize,
-    /// Rounds of assigning and averaging at most.
+    /// Maximum number of rounds of assigning and averaging.
     pub rounds: usize,
     /// Candidates per seed of the greedy k-means++, the best of which is taken.
     pub candidates: usize,
@@ -37,13 +37,13 @@ pub struct CellKMeans {
 struct PointBlocks {
     values: Vec<[f32; LANES]>,
     norm: Vec<[f32; LANES]>,
-    /// The same row by row (n × d).
+    /// The same points row by row (n × d).
     rows: Vec<f32>,
     n: usize,
     d: usize,
 }
 
-/// Centres in groups of [`GROUP`], coordinate by coordinate; where the last group is not full, infinitely far ones.
+/// Centres in groups of [`GROUP`], coordinate by coordinate; the last group is padded with infinitely distant ones.
 #[derive(Default)]
 struct CentreGroups {
     values: Vec<[f32; GROUP]>,
@@ -51,7 +51,7 @@ struct CentreGroups {
 }
 
 impl CentreGroups {
-    /// Takes centres, row-major k × d, in place of those it had.
+    /// Replaces the centres by `centres`, row-major k × d.
     fn set(&mut self, centres: &[f32], d: usize) {
         let count = centres.len().div_ceil(d * GROUP);
         self.values.clear();
@@ -71,7 +71,7 @@ impl CentreGroups {
 /// Inner products of a block's points with a group of centres.
 #[inline(always)]
 fn products(block: &[[f32; LANES]], group: &[[f32; GROUP]]) -> [[f32; LANES]; GROUP] {
-    // One by one: a loop over them would be turned into vectors the wrong way round.
+    // Unrolled by hand: a loop over the four would be vectorised along the wrong axis.
     let [mut a, mut b, mut c, mut d] = [[0.0f32; LANES]; GROUP];
     for (x, centre) in block.iter().zip(group) {
         add_product(&mut a, x, centre[0]);
@@ -117,8 +117,8 @@ impl PointBlocks {
 }
 
 impl CellKMeans {
-    /// Clusters `points` (row-major n × d) under `weight` (n, > 0): a label below min(clusters, n) per point. Not every
-    /// label need occur where points coincide. Draws go by `names` (n), those of the points.
+    /// Clusters `points` (row-major n × d) with `weight` (n, > 0): returns a label below min(clusters, n) per point. If
+    /// points coincide, some labels may not occur. Draws depend on `names` (n), the identifiers of the points.
     pub fn run(&self, points: &[f64], weight: &[f64], names: &[u32], random: &mut Random) -> Vec<u32> {
         dispatch(CellKMeansJob { how: self, points, weight, names, random })
     }
@@ -163,7 +163,7 @@ impl CellKMeans {
         centres
     }
 
-    /// Lloyd's rounds: the last assignment and its cost.
+    /// Lloyd's rounds: returns the last assignment and its cost.
     #[inline(always)]
     fn rounds(&self, x: &PointBlocks, weight: &[f64], centres: &mut [f32]) -> (f64, Vec<u32>) {
         let (d, k) = (x.d, centres.len() / x.d);
@@ -241,8 +241,8 @@ impl SimdKernel for CellKMeansJob<'_> {
     }
 }
 
-/// Squared distances of block `b`'s points to the nearest centre, `near` up to now, with each
-/// centre of group `g` besides.
+/// Squared distances of block `b`'s points to the nearest centre, so far `near`, if each centre of group `g` were
+/// added.
 #[inline(always)]
 fn lowered(x: &PointBlocks, b: usize, near: &[f32; LANES], groups: &CentreGroups, g: usize) -> [[f32; LANES]; GROUP] {
     let d = x.d;
@@ -255,7 +255,7 @@ fn lowered(x: &PointBlocks, b: usize, near: &[f32; LANES], groups: &CentreGroups
     sum
 }
 
-/// What all points cost with each centre of group `g` besides.
+/// The total cost if each centre of group `g` were added.
 #[inline(always)]
 fn costs(x: &PointBlocks, weight: &[f64], near: &[[f32; LANES]], groups: &CentreGroups, g: usize) -> [f64; GROUP] {
     let mut cost = [0.0; GROUP];

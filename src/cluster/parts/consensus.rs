@@ -1,10 +1,10 @@
-//! The plainer decisions: one run with a stop constant, and a consensus of several.
+//! The simpler decisions: a single run with a stop constant, and a consensus of several.
 //!
-//! A single run merges one over-segmentation until the greatest cost falls below 1.5. The
-//! consensus lets eight random over-segmentations stop at 1.6 times a factor within .8 to 1.25, groups the
-//! superfaces by average linkage of how often they lie in one part, down to 1.6 times the median number of
-//! parts, plus one, and merges the groups once more by cost. Both need a stop constant, which the default
-//! ([`super::labelling`]) does without; they are kept for comparison.
+//! A single run merges one over-segmentation until the greatest cost falls below 1.5. The consensus stops eight random
+//! over-segmentations at 1.6 times a factor between .8 and 1.25, and groups the superfaces by average linkage of how
+//! often they are in one part, down to 1.6 times the median number of parts, plus one. The groups are then merged once
+//! more by cost. Both need a stop constant, which the default ([`super::labelling`]) does not; they are kept for
+//! comparison.
 
 use super::answer::PartDecision;
 use super::cell_graph::{CellGraph, compact};
@@ -25,20 +25,20 @@ use libm::log as ln;
 
 /// A single run stops when the greatest cost falls below this.
 const SINGLE_STOP: f64 = 1.5;
-/// The same for the ensemble of a consensus and its last merge.
+/// The same for the ensemble of a consensus and its final merge.
 const CONSENSUS_STOP: f64 = 1.6;
-/// Members stop at this range of factors of it.
+/// Members stop at this constant times a factor from this range.
 const STOP_FACTOR: [f64; 2] = [0.8, 1.25];
-/// Members of a consensus.
+/// Number of members of a consensus.
 pub const ENSEMBLE: usize = 8;
-/// Groups per part of the median over-segmentation, to which one is added.
+/// Number of groups per part of the median over-segmentation, plus one.
 const GROUPS: f64 = 1.6;
-/// Index of the pair width of .1, used where none is drawn.
+/// Index of the pair width .1, used if none is drawn.
 const MIDDLE_WIDTH: usize = 1;
-/// Levels of the groups' own joins begin here, those of the last merge end here.
+/// The joins within groups have levels above this, those of the final merge below.
 const GROUP_LEVEL: f64 = 0.9;
 
-/// Level of a merge at a cost: ½ at the stop.
+/// Level of a merge at a given cost: ½ at the stop constant.
 fn level(log_cost: f64, stop: f64) -> f64 {
     1.0 / (1.0 + stop * exp_signed(-log_cost))
 }
@@ -76,7 +76,7 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
     Ok(PartDecision::of(superfaces, co_association, tree))
 }
 
-/// Eight stopped over-segmentations, average linkage of their co-association, a last merge by cost.
+/// Eight stopped over-segmentations, average linkage of their co-association, a final merge by cost.
 ///
 /// # Errors
 /// Cancellation.

@@ -1,15 +1,15 @@
-//! How much of two regions see each other as convex: sums over pairs of cells.
+//! How much two regions see each other as convex: sums over pairs of cells.
 //!
 //! Cells p and q see each other as convex if n_p·(x_q − x_p) < .05 |d| and n_q·(x_p − x_q) < .05 |d|: across a convex
-//! body they do, across a notch they do not. A pair weighs a_p a_q exp(−|d|²/2w²), cut at |d| = 4w, for three widths w
-//! at once, so that one pass over the pairs serves the whole ensemble. The same weights serve for how much the
-//! thickness of the body differs between the cells of a pair ([`super::thickness`]). Sums are kept between superfaces
-//! and add up when superfaces are united.
+//! body they do, across a notch they do not. A pair has the weight a_p a_q exp(−|d|²/2w²), cut off at |d| = 4w, for
+//! three widths w at once, so that one pass over the pairs serves the whole ensemble. The same weights are used for the
+//! difference in thickness of the body between the cells of a pair ([`super::thickness`]). Sums are stored between
+//! superfaces and add up when superfaces are merged.
 //!
-//! Nothing is summed between pieces that no boundary connects, since nothing there ever merges.
+//! No sums are needed between pieces without a common boundary, since they never merge.
 //!
-//! Cost: one exponential from a table per pair of cells within the cut, S²/2 at most; 80 bytes per pair of superfaces
-//! of one piece, twice while they are put together.
+//! Cost: one exponential from a table per pair of cells within the cutoff, at most S²/2; 80 bytes per pair of
+//! superfaces of one piece, twice while the result is assembled.
 
 use super::cell_graph::CellGraph;
 use super::region_pieces::RegionPieces;
@@ -22,13 +22,13 @@ use std::ops::Range;
 
 /// Widths w of the pair weight, in units of √(total area).
 pub const WIDTHS: [f64; 3] = [0.08, 0.1, 0.12];
-/// Sine of the angle below which a cell counts as not in front of another.
+/// Sine of the angle below which a cell does not count as in front of another.
 const TOLERANCE: f64 = 0.05;
-/// The weight is cut at this many widths.
+/// The weight is cut off at this many widths.
 const CUT: f64 = 4.0;
 /// Superfaces per chunk of the parallel pass.
 const CHUNK: usize = 8;
-/// Nodes of the table of exponentials; between nodes a cubic, good to 2e-11.
+/// Nodes of the table of exponentials, with cubic interpolation between them; accurate to 2e-11.
 const TABLE_NODES: usize = 2048;
 
 /// The sums between two superfaces, for each of [`WIDTHS`].
@@ -38,7 +38,7 @@ pub struct PairSums {
     pub a: u32,
     /// Second superface, ≥ the first.
     pub b: u32,
-    /// Pairs that see each other as convex; where a = b each pair counts twice.
+    /// Pairs that see each other as convex; if a = b each pair counts twice.
     pub seen: [f64; 3],
     /// All pairs.
     pub all: [f64; 3],
@@ -46,12 +46,12 @@ pub struct PairSums {
     pub thickness_jump: [f64; 3],
 }
 
-/// One number per width, and a fourth without meaning: four fill a vector.
+/// One number per width, and an unused fourth: four fill a vector.
 type PerWidth = [f64; 4];
 
-/// exp(−x/2w²) for the three widths and x up to the widest cut.
+/// exp(−x/2w²) for the three widths and x up to the widest cutoff.
 struct ExpTable {
-    /// The values at each node, and where it is.
+    /// The values at each node, and the position of the node.
     nodes: Vec<PerWidth>,
     scale: f64,
     rate: PerWidth,
@@ -75,7 +75,7 @@ impl ExpTable {
         }
     }
 
-    /// The three weights at squared distance `x` ≤ the widest cut.
+    /// The three weights at squared distance `x`, up to the widest cutoff.
     #[inline(always)]
     fn weights(&self, x: f64) -> PerWidth {
         let k = (x * self.scale + 0.5) as u32 as usize;
@@ -91,7 +91,7 @@ impl ExpTable {
     }
 }
 
-/// A cell as the inner loop wants it.
+/// A cell in the layout of the inner loop.
 #[derive(Clone, Copy)]
 struct CellPoint {
     x: [f64; 3],
@@ -100,7 +100,7 @@ struct CellPoint {
     thickness: f64,
 }
 
-/// A ball around a superface's centres, and where its cells begin.
+/// A bounding ball of a superface's centres, and the start of its cells.
 struct SuperfaceBall {
     x: [f64; 3],
     radius: f64,
@@ -108,9 +108,9 @@ struct SuperfaceBall {
     end: usize,
 }
 
-/// Sums between all pairs of superfaces of one piece that have any, ordered by (a, b).
+/// Sums between all pairs of superfaces of one piece that are within the cutoff, ordered by (a, b).
 ///
-/// `superface`: a superface for each cell; `thickness`: the logarithm of a length (S); `pieces` of the superfaces.
+/// `superface`: the superface of each cell; `thickness`: the logarithm of a length (S); `pieces` of the superfaces.
 ///
 /// # Errors
 /// Cancellation.
@@ -160,7 +160,7 @@ fn square(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|c| (a[c] - b[c]) * (a[c] - b[c])).sum()
 }
 
-/// Sums between the superfaces of a range and those of the same piece from each on.
+/// Sums between the superfaces of a range and all later ones of the same piece.
 struct PairsFrom<'a> {
     range: Range<usize>,
     points: &'a [CellPoint],
@@ -187,7 +187,7 @@ impl SimdKernel for PairsFrom<'_> {
     }
 }
 
-/// Sums between superfaces `a` and `b` ≥ `a`, unless all pairs lie beyond the cut.
+/// Sums between superfaces `a` and `b` ≥ `a`; `None` if all pairs lie beyond the cutoff.
 #[inline(always)]
 fn between(points: &[CellPoint], balls: &[SuperfaceBall], a: usize, b: usize, table: &ExpTable) -> Option<PairSums> {
     let (one, two) = (&balls[a], &balls[b]);
@@ -237,7 +237,7 @@ fn between(points: &[CellPoint], balls: &[SuperfaceBall], a: usize, b: usize, ta
 mod tests {
     use super::*;
 
-    /// Cells on a bumpy sphere of area about 1, and what the definition gives for them.
+    /// Cells on a bumpy sphere of area about 1, and the sums by definition.
     fn bumpy(n: usize) -> CellGraph {
         let mut g = CellGraph::default();
         for i in 0..n {

@@ -1,9 +1,9 @@
-//! The decision: which cells belong together, and how surely.
+//! The decision: which cells belong together, and with what certainty.
 //!
-//! The recipe of the default: layers of what the surface encloses, an ensemble for each, the co-association, both sides
-//! alike where there are two, like limbs as well, and the hierarchy of the greatest expected Rand index.
+//! The default recipe: layers of what the surface encloses, an ensemble for each, the co-association, symmetrised where
+//! there is a left and a right side, and over similar limbs, and the hierarchy of the greatest expected Rand index.
 //!
-//! It works on some two thousand cells whatever the mesh: tenths of a second, and up to 40 MB beside the budget.
+//! It works on some two thousand cells whatever the mesh: tenths of a second, and up to 40 MB outside the budget.
 
 use super::answer::PartDecision;
 use super::cell_graph::{CellGraph, class_sums};
@@ -20,16 +20,16 @@ use crate::base::{Error, Result};
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
 
-/// Decides about the parts of a surface of S cells from the mean distances of its cells from `l`
-/// landmarks: `rows`, row-major l × S, infinite where not reached. All answers at once, and the seconds that took: of
-/// `params` the number of parts and the detail do not matter. [`super::cut`] gives one of them.
+/// Decides on the parts of a surface of S cells, given the mean distances of its cells from `l` landmarks: `rows`,
+/// row-major l × S, infinite if not reached. Returns a decision with all answers at once, and the seconds that it took:
+/// the number of parts and the detail in `params` are ignored. [`super::cut`] extracts one of the answers.
 ///
 /// ```
 /// use nystrom_stream::cluster::parts::{CellGraph, PartsParams, decide};
 /// use nystrom_stream::store::Run;
 ///
 /// # fn main() -> nystrom_stream::base::Result<()> {
-/// // A strip of 24 cells with a crease in the middle, and how far they are from every fourth.
+/// A strip of 24 cells with a crease in the middle, and their distances from every fourth.
 /// let step = |i: u32| if i == 12 { 2. } else { 0.2 };
 /// let cells = CellGraph {
 ///     seed: (0..24).collect(),
@@ -45,7 +45,7 @@ use crate::store::run::Run;
 /// let distance = |a: u32, b: u32| (a.min(b) + 1..=a.max(b)).map(step).sum::<f64>();
 /// let rows: Vec<f64> = (0..6).flat_map(|k| (0..24).map(move |i| distance(4 * k, i))).collect();
 /// let (found, _) = decide(&cells, &rows, 6, &PartsParams::default(), &Run::new(&()))?;
-/// // The hierarchy has all answers: this is the one of two parts.
+/// The hierarchy has all answers: this is the one with two parts.
 /// let two = found.tree.cut_k(2)?;
 /// assert_eq!(two.label, [vec![0; 12], vec![1; 12]].concat());
 /// # Ok(())
@@ -86,7 +86,7 @@ pub fn decide(
     run.stage("parts", "segmentations", segmentations as u64, work)
 }
 
-/// The decision on the superfaces that were `found`, the same on both sides where there are two, and on like limbs.
+/// The decision on the superfaces in `found`, symmetrised over both sides, if there are two, and over similar limbs.
 fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, run: &Run) -> Result<PartDecision> {
     let CoAssociation { superfaces, log_thickness, c } = found;
     let shares = cells.area_shares();
@@ -100,7 +100,7 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     };
     let decided = |superfaces: Superfaces, c: Square| -> Result<PartDecision> {
         let limbs = limbs.iter().map(Vec::as_slice);
-        // The best plane last, or the reflection: what it makes alike stays so.
+        // The best plane comes last, or the reflection, so that its symmetry is exact.
         let sides = planes.iter().rev().chain(&posed).map(std::slice::from_ref);
         let alike = limbs.chain(sides).fold(c, |c, maps| symmetrised(&c, &superfaces.of_cell, &shares, maps));
         let tree = labelling::soft_hierarchy(cells, &superfaces, &alike, small_part, run)?;
@@ -108,7 +108,7 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     };
     let Some(images) = &posed else { return decided(superfaces, c) };
     let uncut = decided(superfaces, c.clone())?;
-    // Where one side is cut, superfaces of the other need not end: the parts tell where they must.
+    // Superfaces need not end at the image of a cut on the other side; the parts show where they must.
     let parts = uncut.tree.cut_detail(0.0);
     let of_cell = &uncut.superfaces.of_cell;
     let (of_piece, count) = images.cut_at_images(cells, &shares, of_cell, &parts.label);
@@ -120,12 +120,12 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     let whole = finer.labels(of_cell);
     let row = |&x: &u32| whole.iter().map(|&y| c[(x as usize, y as usize)]).collect::<Vec<f64>>();
     let c = Square::from_values(count, whole.iter().flat_map(row).collect());
-    // An image that was missing is one part more; slivers between images that are off are several.
+    // Adding a missing image makes one more part; slivers from inaccurate images make several.
     let cut = decided(finer, c)?;
     Ok(if cut.tree.cut_detail(0.0).parts > parts.parts + 1 { uncut } else { cut })
 }
 
-/// Input that is safe to compute with.
+/// Validates the input and makes it safe to compute with.
 fn checked(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams) -> Result<(CellGraph, LandmarkDistances)> {
     let cells = cells.cleaned()?;
     let n = cells.len();

@@ -1,10 +1,10 @@
-//! The ensemble: over-segmentations of the cells, each from a random subset of the landmarks,
-//! and what they say together.
+//! The ensemble: over-segmentations of the cells, each from a random subset of the landmarks, and their combination.
 //!
-//! One over-segmentation is an anchor embedding, K-means, connected pieces, and islands joined to their neighbours. The
-//! intersections of all of them are the superfaces, a few hundred. Each over-segmentation is merged down to one part
-//! ([`super::merges`]), which gives a probability for any two superfaces; the mean over the ensemble is the
-//! co-association, R × R. One run would decide by the chance of its own K-means; twelve agree far better with people.
+//! One over-segmentation consists of an anchor embedding, K-means, connected pieces, and islands joined to their
+//! neighbours. The intersections of all of them are the superfaces, a few hundred. Each over-segmentation is merged
+//! down to one part ([`super::merges`]), which gives a probability for any two superfaces; the mean over the ensemble
+//! is the co-association, R × R. A single run would depend on the randomness of its K-means; twelve agree far better
+//! with people.
 //!
 //! Cost: constant in the size of the mesh; 8 R² bytes.
 
@@ -24,9 +24,9 @@ use crate::spectral::anchor::{AnchorEmbedding, LandmarkDistances, anchor_embeddi
 use crate::store::run::Run;
 use rand_xoshiro::rand_core::Rng;
 
-/// s over the mean distance in the embedding whose means regions are compared by.
+/// Kernel width, relative to the mean distance, of the embedding whose means are used to compare regions.
 pub const COMPARE_SCALE: f64 = 0.2;
-/// Superfaces per chunk when the ensemble is averaged.
+/// Superfaces per chunk when averaging over the ensemble.
 const SUPERFACES_PER_CHUNK: usize = 32;
 
 /// One over-segmentation of the cells.
@@ -36,12 +36,12 @@ pub struct OverSegmentation {
     pub region: Vec<u32>,
     /// Number of regions.
     pub regions: usize,
-    /// Its pair width, an index into [`WIDTHS`].
+    /// Its pair width, as an index into [`WIDTHS`].
     pub width: usize,
 }
 
 impl OverSegmentation {
-    /// Makes one as `params` say; random choices from the stream named by `purpose`.
+    /// Computes one with `params`; random choices come from the stream named `purpose`.
     pub fn new(
         cells: &CellGraph,
         rows: &LandmarkDistances,
@@ -56,19 +56,18 @@ impl OverSegmentation {
 }
 
 /// Bytes that a thread allocates for one over-segmentation of `cells` cells (measured): affinities with `landmarks`
-/// landmarks, what they become, and matrices among the landmarks.
+/// landmarks, the arrays computed from them, and matrices among the landmarks.
 pub fn member_bytes(landmarks: usize, cells: usize) -> u64 {
     let (l, cells) = (landmarks as u64, cells as u64);
     16 * l * cells + 24 * l * l
 }
 
-/// Bytes that deciding about parts allocates for `landmarks` landmarks and two thousand cells on one thread
-/// (measured).
+/// Bytes that deciding on parts allocates for `landmarks` landmarks and two thousand cells on one thread (measured).
 pub fn decision_bytes(landmarks: u64) -> u64 {
     (10 << 20) + 44_000 * landmarks + 36 * landmarks * landmarks
 }
 
-/// `count` random over-segmentations, each from a stream of its own, on as many threads as the budget has room for
+/// `count` random over-segmentations, each from its own stream, on as many threads as the budget has room for
 /// ([`member_bytes`]).
 ///
 /// # Errors
@@ -94,8 +93,8 @@ pub fn draw_ensemble(
     )
 }
 
-/// The ensemble of `count` that parts are decided by, and its superfaces: drawn with ways through thin places
-/// ([`super::thin`]), compared as they lie on the surface.
+/// The ensemble of `count` members used for deciding on parts, and its superfaces: drawn with shortcuts through thin
+/// places ([`super::thin`]), but compared by the geometry on the surface.
 ///
 /// # Errors
 /// Cancellation.
@@ -112,7 +111,7 @@ pub fn measured_ensemble(
     Ok((ensemble, measured))
 }
 
-/// What each landmark is called in random draws: the name of the cell nearest to it, told apart from others' there.
+/// The identifier of each landmark in random draws: that of the nearest cell, made unique among landmarks there.
 fn landmark_names(cells: &CellGraph, rows: &LandmarkDistances) -> Vec<u64> {
     let (names, mut there) = (cells.names(), vec![0u64; cells.len()]);
     (0..rows.count)
@@ -129,18 +128,18 @@ fn landmark_names(cells: &CellGraph, rows: &LandmarkDistances) -> Vec<u64> {
 pub struct Superfaces {
     /// Superface of each cell (S), numbered by first appearance.
     pub of_cell: Vec<u32>,
-    /// A cell of each superface: its first (R).
+    /// A representative cell of each superface: its first (R).
     pub first: Vec<u32>,
     /// Area of each superface (R).
     pub area: Vec<f64>,
 }
 
-/// Superfaces and what region sums are gathered from.
+/// Superfaces and the data from which region sums are gathered.
 #[derive(Clone, Debug)]
 pub struct MeasuredSuperfaces {
     /// The superfaces.
     pub superfaces: Superfaces,
-    /// Logarithm of the thickness behind each cell (S), as [`log_thickness`] has it.
+    /// Logarithm of the thickness behind each cell (S), from [`log_thickness`].
     pub log_thickness: Vec<f64>,
     /// Sums over each cell (S).
     moments: Vec<CellMoments>,
@@ -150,14 +149,14 @@ pub struct MeasuredSuperfaces {
     log_folding: f64,
 }
 
-/// The embedding of all `rows` whose means regions are compared by.
+/// The embedding of all `rows` whose means are used to compare regions.
 pub fn comparison_embedding(cells: &CellGraph, rows: &LandmarkDistances) -> AnchorEmbedding {
     let all: Vec<usize> = (0..rows.count).collect();
     anchor_embedding(rows, &all, &cells.area_shares(), EMBEDDING_DIMENSIONS, COMPARE_SCALE)
 }
 
 impl MeasuredSuperfaces {
-    /// The superfaces of an ensemble, and what regions are compared by: `embedding` is the [`comparison_embedding`].
+    /// The superfaces of an ensemble, and the data for comparing regions: `embedding` is the [`comparison_embedding`].
     ///
     /// # Errors
     /// Cancellation.
@@ -207,8 +206,8 @@ impl MeasuredSuperfaces {
 }
 
 impl Superfaces {
-    /// Superfaces as they were kept: which each cell belongs to (S), and their areas (R). `None` where a number names
-    /// no superface, or a superface no cell.
+    /// Superfaces read from storage: the superface of each cell (S), and their areas (R). `None` if a number is out of
+    /// range, or a superface has no cell.
     pub fn kept(of_cell: Vec<u32>, area: Vec<f64>) -> Option<Superfaces> {
         let mut first = vec![u32::MAX; area.len()];
         for (cell, &superface) in of_cell.iter().enumerate().rev() {
@@ -223,18 +222,18 @@ impl Superfaces {
         self.first.len()
     }
 
-    /// Whether there is no superface.
+    /// Whether there are no superfaces.
     pub fn is_empty(&self) -> bool {
         self.first.is_empty()
     }
 
-    /// A labelling of cells that is constant on superfaces, as one of superfaces.
+    /// Converts a labelling of cells that is constant on superfaces to one of superfaces.
     pub fn labels(&self, cells: &[u32]) -> Vec<u32> {
         self.first.iter().map(|&i| cells[i as usize]).collect()
     }
 
-    /// The boundaries between superfaces as a list of (superface, superface, length), one entry for each pair of cells
-    /// that touch there.
+    /// The boundaries between superfaces as a list of (superface, superface, length), one entry for each pair of
+    /// adjacent cells.
     pub fn shared_boundaries(&self, cells: &CellGraph) -> Vec<(u32, u32, f64)> {
         let name = |i: u32| self.of_cell[i as usize];
         let apart = |(&[i, j], &length): (&[u32; 2], &f64)| (name(i), name(j), length);
@@ -242,8 +241,8 @@ impl Superfaces {
     }
 }
 
-/// C (R × R): for two superfaces the mean over the ensemble of the probability at their lowest common
-/// merge, 1 where an over-segmentation has them in one region, 0 where its tree never joins them.
+/// C (R × R): for two superfaces the mean over the ensemble of the probability at their lowest common merge, 1 if an
+/// over-segmentation has them in one region, 0 if its tree never joins them.
 ///
 /// # Errors
 /// Cancellation.
@@ -269,7 +268,7 @@ pub fn co_association(
     mean_over_ensemble(measured.superfaces.len(), &trees, run)
 }
 
-/// The [`meeting_probability`] of any two regions of an over-segmentation; 0 for those of different pieces.
+/// The [`meeting_probability`] of any two regions of an over-segmentation; 0 for regions of different pieces.
 #[derive(Clone, Debug)]
 pub struct MeetingProbabilities {
     /// The pieces that the regions lie in.
@@ -279,7 +278,7 @@ pub struct MeetingProbabilities {
 }
 
 impl MeetingProbabilities {
-    /// Those of `region` and each other one, into `row` (regions).
+    /// Writes the probabilities of `region` with each other one to `row` (regions).
     fn put_row(&self, region: u32, row: &mut [f64]) {
         let (piece, place) = self.pieces.place(region);
         row.fill(0.0);
@@ -288,8 +287,8 @@ impl MeetingProbabilities {
     }
 }
 
-/// C of `n` superfaces from the regions that each over-segmentation puts them in and the probabilities that two
-/// of these belong together.
+/// C of `n` superfaces, given the region of each superface in every over-segmentation and the probabilities that two
+/// regions belong together.
 ///
 /// # Errors
 /// Cancellation.
@@ -312,32 +311,34 @@ pub fn mean_over_ensemble(n: usize, trees: &[(Vec<u32>, MeetingProbabilities)], 
 
 /// Islands below this share of the area join the neighbour with the longest common boundary.
 const ISLAND: f64 = 0.001;
-/// s of the embedding over the mean distance: one is drawn each time; wider ones lose small parts.
+/// Kernel widths of the embedding relative to the mean distance, one of which is drawn each time; greater ones lose
+/// small parts.
 pub const SCALES: [f64; 3] = [0.2, 0.25, 0.3];
-/// Clusters of one over-segmentation, both ends included: more than any object has parts.
+/// Range of the number of clusters of an over-segmentation, both ends included: more than any object has parts.
 const CLUSTERS: [usize; 2] = [22, 33];
-/// An over-segmentation uses at least this many landmarks, where there are as many.
+/// Minimum number of landmarks of an over-segmentation, if there are as many.
 const FEWEST_ROWS: usize = 30;
 
-/// How one over-segmentation is made.
+/// Parameters of an over-segmentation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OverSegmentationParams {
     /// Landmarks used, ascending.
     pub rows: Vec<usize>,
-    /// Width of the embedding's kernel over the mean distance.
+    /// Width of the embedding's kernel, relative to the mean distance.
     pub scale: f64,
-    /// The K-means; its clusters are also the coordinates of the embedding, where rows suffice.
+    /// The K-means; its number of clusters is also the number of coordinates of the embedding, if there are enough
+    /// rows.
     pub kmeans: CellKMeans,
 }
 
-/// The K-means of a single run: two starts, run to the end.
+/// The K-means of a single run: two starts, run to convergence.
 const CAREFUL: CellKMeans = CellKMeans { clusters: 28, restarts: 2, rounds: 20, candidates: 3, tolerance: 1e-6 };
-/// The K-means of one run among many: one start, eight rounds. Measured on 190 models, the parts of twelve
-/// such runs are as good as with careful ones, in half the time.
+/// The K-means of one run among many: one start, eight rounds. Measured on 190 models, the parts of twelve such runs
+/// are as good as with careful ones, in half the time.
 const BRISK: CellKMeans = CellKMeans { clusters: 28, restarts: 1, rounds: 8, candidates: 3, tolerance: 1e-3 };
 
 impl OverSegmentationParams {
-    /// All rows, the middle scale, 28 clusters (fewer where rows are few): the single run.
+    /// All rows, the middle scale, 28 clusters (fewer if there are fewer rows): the single run.
     pub fn single(rows: usize) -> OverSegmentationParams {
         let clusters = CAREFUL.clusters.min(rows.saturating_sub(1)).max(1);
         OverSegmentationParams {
@@ -347,13 +348,13 @@ impl OverSegmentationParams {
         }
     }
 
-    /// Draws one at random: 30 to all of the landmarks called `names`, a scale, 22 to 33 clusters.
+    /// Draws random parameters: 30 to all of the landmarks identified by `names`, a scale, 22 to 33 clusters.
     pub fn draw(names: &[u64], random: &mut Random) -> OverSegmentationParams {
         let rows = names.len();
         let fewest = FEWEST_ROWS.min(rows.saturating_sub(1)).max(1);
         let count = (fewest + below(random, (rows + 1).saturating_sub(fewest))).min(rows);
         let mut all: Vec<usize> = (0..rows).collect();
-        // By name, not by number: landmarks that change places change nothing, one that moves changes one.
+        // By identifier, not by number: reordering landmarks changes nothing, and moving one changes only that one.
         let key = random.next_u64();
         all.sort_by_cached_key(|&j| mixed(names[j] ^ key));
         all.truncate(count);
@@ -365,7 +366,7 @@ impl OverSegmentationParams {
     }
 }
 
-/// Region of each cell (S), numbered 0, 1, …, each region connected; and how many.
+/// Region of each cell (S), numbered 0, 1, …, each region connected; and their number.
 fn over_segment(
     cells: &CellGraph,
     rows: &LandmarkDistances,

@@ -1,22 +1,22 @@
-//! How folded a surface is, and what that does to lengths on it.
+//! How folded a surface is, and the effect on lengths.
 //!
-//! The cortex of a brain has three times the area of a ball as wide as the brain. Boundaries run through its folds, so
-//! they are long, and the brain is small in units of √(area). The probabilities of merges are fitted to surfaces
-//! without folds. There, a long boundary between low regions means one part; two hemispheres, which touch along a short
-//! line, looked like that. So measures are taken in units of the shape as it would be without folds.
+//! The cortex of a brain has three times the area of a sphere as wide as the brain. Boundaries run through its folds,
+//! so they are long, and the brain is small in units of √(area). The probabilities of merges are fitted to surfaces
+//! without folds. There, a long boundary between low regions indicates one part, and two hemispheres, which touch along
+//! a short line, looked like that. So lengths are measured in units of the unfolded shape.
 //!
 //! Cost: S steps for each of 13 directions.
 
 use super::cell_graph::CellGraph;
 
-/// Area over that of a ball of the same mean width, from which on a surface counts as folded. The 190
-/// models of the benchmark have 1.5 at the most, a hemisphere of a brain 2.1, whole brains 3.1 to 3.4, a
-/// head with all that is inside 4.1.
+/// Ratio of the area to that of a sphere of the same mean width above which a surface counts as folded. The 190 models
+/// of the benchmark have at most 1.5, a hemisphere of a brain 2.1, whole brains 3.1 to 3.4, a head with all that is
+/// inside 4.1.
 const FOLDED: f64 = 2.0;
-/// Greatest folding that counts: with more, crumbs are told apart (5 or 6 parts of the MRI head instead of 2 to 5).
+/// Maximum folding taken into account: with more, crumbs become parts (5 or 6 parts of the MRI head instead of 2 to 5).
 const MOST: f64 = 3.0;
-/// Directions of Lebedev's 26 points on the sphere, one of each opposite two, and twice their
-/// weights: exact up to degree 7.
+/// Directions of Lebedev's 26 points on the sphere, one of each opposite pair, with doubled weights: exact up to degree
+/// 7.
 const DIRECTIONS: [([f64; 3], f64); 13] = {
     const AXIS: f64 = 2.0 / 21.0;
     const EDGE: f64 = 8.0 / 105.0;
@@ -39,16 +39,16 @@ const DIRECTIONS: [([f64; 3], f64); 13] = {
 };
 use libm::log as ln;
 
-/// The natural logarithm of the folding φ of a surface: 0 where it is not folded. Lengths of the shape in units of
-/// √(area) are too small by √φ, and boundaries along folds too long by √φ in these units, by φ against the shape.
+/// The natural logarithm of the folding φ of a surface: 0 if it is not folded. In units of √(area), lengths of the
+/// shape are too small by √φ, and boundaries along folds too long by √φ: by φ relative to the shape.
 pub fn log_folding(cells: &CellGraph) -> f64 {
     let width = mean_width(&cells.centre);
     let ratio = cells.total_area() / (std::f64::consts::PI * width * width).max(1e-300);
-    // Squared: more of the area of a moderately folded surface is its shape's own.
+    // Squared: on a moderately folded surface, the shape itself accounts for more of the area.
     ln((ratio / FOLDED).powi(2).clamp(1.0, MOST))
 }
 
-/// The mean distance between two parallel planes that hold all `points` between them.
+/// The mean distance between two parallel planes that enclose all `points`.
 fn mean_width(points: &[[f64; 3]]) -> f64 {
     let width = |direction: &[f64; 3]| {
         let along = |x: &[f64; 3]| x[0] * direction[0] + x[1] * direction[1] + x[2] * direction[2];
@@ -64,7 +64,7 @@ fn mean_width(points: &[[f64; 3]]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Cells of total area 1 on a ball of area 1 / `ratio`.
+    /// Cells of total area 1 on a sphere of area 1 / `ratio`.
     fn ball(ratio: f64) -> CellGraph {
         let radius = (0.25 / (std::f64::consts::PI * ratio)).sqrt();
         let n = 2000;

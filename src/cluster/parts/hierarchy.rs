@@ -1,10 +1,10 @@
-//! The hierarchy of parts: all answers to "how many?" at once, small enough to keep.
+//! The hierarchy of parts: the answers for all numbers of parts at once, small enough to keep.
 //!
-//! A binary tree from single cells to one part, stored as its unions. Their order is that in
-//! which they are made until a given number of parts is left; their levels, in \[0, 1\] and never
-//! above those of the unions they rest on, say which of them a threshold makes. The cut at ½ is
-//! the parts found; any other is a pass over the cells. Numbers are kept in single precision,
-//! which decimal text returns to the bit. Memory: some 50 bytes per cell. A cut is O(S + m).
+//! A binary tree from single cells to one part, stored as its unions. Their order is the one in which they are made
+//! until a given number of parts is left; their levels, in \[0, 1\] and never above those of the unions below them,
+//! determine which of them a threshold makes. The cut at ½ gives the parts found; any other cut is a pass over the
+//! cells. Numbers are stored in single precision, which round-trips through decimal text. Memory: some 50 bytes per
+//! cell. A cut is O(S + m).
 
 use super::cell_graph::{CellGraph, compact, small_parts};
 use crate::base::sort::sort_by;
@@ -12,18 +12,18 @@ use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// The threshold of the Rand index: pairs more probably together than not belong together.
+/// The threshold of the Rand index: pairs that are more likely than not to belong together.
 pub const HALF: f64 = 0.5;
 /// Version of the stored form.
 const VERSION: u32 = 1;
 
-/// A merge hierarchy of the cells of a surface, with what is needed to clean a cut.
+/// A merge hierarchy of the cells of a surface, with the data needed to clean a cut.
 ///
 /// ```
 /// use nystrom_stream::cluster::parts::hierarchy::CellUnion;
 /// use nystrom_stream::cluster::parts::{CellGraph, PartTree};
 ///
-/// // Four cells in a row; the outer pairs surely belong together, the two halves rather not.
+/// Four cells in a row; the outer pairs surely belong together, the two halves probably not.
 /// let pairs = vec![[0, 1], [1, 2], [2, 3]];
 /// let cells = CellGraph { area: vec![1.; 4], length: vec![1.; 3], pairs, ..CellGraph::default() };
 /// let union = |level, a, b| CellUnion { level, rank: level, a, b };
@@ -35,9 +35,9 @@ const VERSION: u32 = 1;
 pub struct PartTree {
     /// Version of this form.
     pub version: u32,
-    /// The S − 1 unions in their order, finest first; a set of cells is named by its least cell.
+    /// The S − 1 unions in their order, finest first; a set of cells is identified by its least cell.
     pub unions: Vec<[u32; 2]>,
-    /// Threshold up to which each union is made: how probably, or the like, the two belong together.
+    /// Threshold up to which each union is made: the probability that the two belong together, or a similar measure.
     pub level: Vec<f32>,
     /// Area share of each cell (S).
     pub area: Vec<f32>,
@@ -49,12 +49,12 @@ pub struct PartTree {
     pub small_part: f32,
 }
 
-/// A union of two sets of cells, each named by any of its cells.
+/// A union of two sets of cells, each identified by any of its cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellUnion {
-    /// Threshold up to which a cut makes it, in \[0, 1\].
+    /// Threshold up to which a cut makes this union, in \[0, 1\].
     pub level: f64,
-    /// Unions of greater rank come first where a number of parts is given.
+    /// If a number of parts is given, unions of greater rank come first.
     pub rank: f64,
     /// A cell of the one set.
     pub a: u32,
@@ -71,9 +71,9 @@ pub struct TreeCut {
     pub parts: usize,
 }
 
-/// The threshold that a detail stands for: 0 is ½, the parts found; towards 1 finer, ½ + d/2 (only
-/// what belongs together with near certainty stays together); towards −1 coarser, ½ (1 + d)²,
-/// since what people part rarely belongs together by much.
+/// The threshold for a detail d: 0 gives ½, the parts found; towards 1 it is finer, ½ + d/2 (only what almost certainly
+/// belongs together stays together); towards −1 it is coarser, ½ (1 + d)², since parts that people separate rarely have
+/// a high probability.
 pub fn detail_threshold(detail: f64) -> f64 {
     if !detail.is_finite() {
         return HALF;
@@ -83,9 +83,8 @@ pub fn detail_threshold(detail: f64) -> f64 {
 }
 
 impl PartTree {
-    /// The tree of some unions, made in the order given. Levels and ranks are lowered to those of
-    /// the unions that a union rests on; unions of a set with itself are skipped; sets left over
-    /// are united at last, at level 0.
+    /// The tree of the given unions, made in the given order. Levels and ranks are lowered to those of the unions
+    /// below; unions of a set with itself are skipped; sets left over are united last, at level 0.
     pub fn new(cells: &CellGraph, unions: impl IntoIterator<Item = CellUnion>, small_part: f64) -> PartTree {
         let n = cells.len();
         let mut tree = PartTree {
@@ -112,7 +111,7 @@ impl PartTree {
             made[a.min(b) as usize] = (level, rank);
             all.push(CellUnion { level, rank, a: a.min(b), b: a.max(b) });
         }
-        // Stable: a union stays behind those that it rests on.
+        // Stable: a union stays after those below it.
         sort_by(&mut all, |x, y| y.rank.total_cmp(&x.rank));
         tree.unions = all.iter().map(|u| [u.a, u.b]).collect();
         tree.level = all.iter().map(|u| u.level as f32).collect();
@@ -122,7 +121,7 @@ impl PartTree {
     /// Checks a tree that was read from a file.
     ///
     /// # Errors
-    /// If it is of another version or not a tree of its cells.
+    /// If its version differs or it is not a valid tree over its cells.
     pub fn check(&self) -> Result<()> {
         let n = self.area.len();
         let known = |&[i, j]: &[u32; 2]| (i as usize) < n && (j as usize) < n;
@@ -148,8 +147,8 @@ impl PartTree {
         self.area.len()
     }
 
-    /// The same hierarchy, in which `left_out` cells (S) have no area and are no parts by themselves: a number of parts
-    /// is that of the others. They are united with others before all else.
+    /// The same hierarchy, in which `left_out` cells (S) have no area and are no parts by themselves: the number of
+    /// parts counts only the others. They are united with others before everything else.
     pub fn without(&self, left_out: &[bool]) -> PartTree {
         let mut sets = Forest::new(self.cells());
         let mut counts: Vec<bool> = left_out.iter().map(|left_out| !left_out).collect();
@@ -159,7 +158,7 @@ impl PartTree {
             counts[sets.find(a) as usize] = both[0] || both[1];
             (both == [true; 2], [a, b], level)
         });
-        // Stable: among themselves both kinds keep their order.
+        // Stable: each of the two groups keeps its order.
         let mut all: Vec<(bool, [u32; 2], f32)> = all.collect();
         sort_by(&mut all, |x, y| x.0.cmp(&y.0));
         let area = self.area.iter().zip(left_out).map(|(&area, left_out)| if *left_out { 0. } else { area });
@@ -171,7 +170,7 @@ impl PartTree {
         }
     }
 
-    /// The parts that some unions make, as they are.
+    /// The parts made by the given unions, without cleaning.
     fn raw<'a>(&self, unions: impl IntoIterator<Item = &'a [u32; 2]>) -> Vec<u32> {
         let mut sets = Forest::new(self.cells());
         for &[i, j] in unions {
@@ -180,7 +179,7 @@ impl PartTree {
         compact(&sets.labels()).0
     }
 
-    /// Cleans a labelling of pieces below `limit`; `whole_too` also of parts.
+    /// Cleans a labelling of pieces below `limit`; with `whole_too` also of parts.
     fn clean(&self, label: &[u32], limit: f64, whole_too: bool) -> TreeCut {
         let double = |x: &[f32]| x.iter().map(|&x| f64::from(x)).collect::<Vec<_>>();
         let (length, area) = (double(&self.length), double(&self.area));
@@ -190,7 +189,7 @@ impl PartTree {
 
     /// The parts at a threshold in \[0, 1\], without small ones. O(S + m).
     pub fn cut(&self, threshold: f64) -> TreeCut {
-        // In the precision of the levels: .65 as a level is less than .65 as a threshold of twice the digits.
+        // Rounded like the levels: .65 as an `f32` level may be less than .65 as an `f64` threshold.
         let threshold = threshold as f32;
         let made =
             self.unions.iter().zip(&self.level).filter(|(_, level)| **level >= threshold).map(|(union, _)| union);
@@ -212,9 +211,9 @@ impl PartTree {
 
     /// Exactly `k` parts.
     ///
-    /// Small parts do not count as long as the number can be had without them: the coarsest cut that has `k` parts
-    /// after cleaning is taken, small being less than a quarter of the mean part at the most; else the `k` parts
-    /// of the tree as they are.
+    /// Small parts do not count as long as the number can be reached without them: the coarsest cut that has `k` parts
+    /// after cleaning is taken, where a part is small if it has less than a quarter of the mean part at most; otherwise
+    /// the `k` parts of the tree without cleaning.
     ///
     /// # Errors
     /// If `k` is 0 or more than there are cells.
@@ -228,17 +227,17 @@ impl PartTree {
             ));
         }
         let limit = f64::from(self.small_part).min(0.25 / k as f64);
-        // The number of clean parts may skip k: two come at once, one of them just large enough.
+        // The number of clean parts may skip k when two become large enough at once; then a lower limit helps.
         let found = [1., 0.7, 0.5, 0.3].iter().find_map(|share| self.coarsest(k, share * limit));
         Ok(found.unwrap_or_else(|| self.clean(&self.raw(&self.unions[..n - k]), limit, false)))
     }
 
-    /// The coarsest cut of `k` parts that are not below `limit`, by bisection: undoing a union makes one part more, or
-    /// none, as a rule.
+    /// The coarsest cut into `k` parts that are not below `limit`, by bisection: as a rule, undoing a union adds one
+    /// part or none.
     fn coarsest(&self, k: usize, limit: f64) -> Option<TreeCut> {
         let n = self.cells();
         let at = |depth: usize| self.clean(&self.raw(&self.unions[..n - depth]), limit, true);
-        // `low` has fewer parts, `high` enough.
+        // `low` has too few parts, `high` enough.
         let (mut low, mut high, mut cut) = (k - 1, k, at(k));
         while cut.parts < k {
             if high == n {
@@ -259,7 +258,7 @@ impl PartTree {
         (cut.parts == k).then_some(cut)
     }
 
-    /// The parts at a detail if they are `least` to `most`, else the nearest number allowed.
+    /// The parts at a detail if their number is within `least` to `most`, else the nearest number allowed.
     ///
     /// # Errors
     /// If the range is empty or begins beyond the number of cells.
@@ -312,7 +311,7 @@ mod tests {
         assert_eq!(tree.cut_range(39, 40, 0.0).unwrap().parts, 39);
     }
 
-    /// Fifty blocks of forty cells; the last cell of each joins it after the blocks have joined each other.
+    /// Fifty blocks of forty cells; the last cell of each joins it only after the blocks have joined each other.
     fn tiny_components_last() -> PartTree {
         let cells = strip(2000);
         let union = |rank: f64, a, b| CellUnion { level: 0.9, rank, a, b };
@@ -331,14 +330,13 @@ mod tests {
             cut.label.iter().for_each(|&part| sizes[part as usize] += 1);
             assert!(cut.parts == k && sizes.iter().all(|size| *size >= 39), "{k}: {sizes:?}");
         }
-        // More parts than there are without tiny components: these become parts too, and the
-        // number is the one asked for.
+        // More parts than exist without tiny components: these become parts too, and the number is as requested.
         assert_eq!(tree.cut_k(90).unwrap().parts, 90);
     }
 
     #[test]
     fn cells_that_are_left_out_are_no_parts() {
-        // Every other block of ten is left out; the finest unions are within blocks, then they join in a row.
+        // Every other block of ten is left out; the finest unions are within blocks, then the blocks join in a row.
         let cells = strip(100);
         let union = |rank: f64, a, b| CellUnion { level: 0.9, rank, a, b };
         let inside = (0..100).filter(|i| i % 10 < 9).map(|i| union(3., i, i + 1));

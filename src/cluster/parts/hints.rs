@@ -1,17 +1,16 @@
-//! Places that belong together or apart, as constraints of the labelling of cells.
+//! Hints, places that belong together or apart, as constraints on the labelling of cells.
 //!
-//! The expected Rand index wants a labelling of greatest Σ a_x a_y (C_xy − t) ([`super::labelling`]). A hint forbids
-//! some labellings: two cells must share a label, or must not. Only the parts that hold hints are labelled again, so
-//! one hint moves one cut and nothing else:
+//! The expected Rand index is maximised by a labelling of greatest Σ a_x a_y (C_xy − t) ([`super::labelling`]). A hint
+//! excludes some labellings: two cells must share a label, or must not. Only the parts that contain hints are
+//! relabelled, so one hint moves one cut and nothing else:
 //! - a part whose hints must not share a label is divided among them ([`Affinities::divide`]);
-//! - any other part stays whole, and parts that hold places of one group become one.
+//! - any other part stays whole, and parts that contain places of one group are joined.
 //!
-//! In a divided part each cell goes to the hint y with the greatest C_xy − λ d_xy. C alone is constant on
-//! superfaces; the path length d, through the part and longer over creases, decides between hints that C does not
-//! tell apart. Moving cells afterwards by their mean C to all of a piece was measured: it is worse, since one
-//! wrong piece draws others.
+//! In a divided part each cell goes to the hint y with the greatest C_xy − λ d_xy. C alone is constant on superfaces;
+//! the path length d, through the part and longer over creases, decides between hints with equal C. Moving cells
+//! afterwards by their mean C to a whole piece was tried: it is worse, since one wrong piece attracts others.
 //!
-//! Cost: one shortest-path search over the cells of a divided part for each superface that holds hints; milliseconds.
+//! Cost: for each superface with hints, one shortest-path search over the cells of a divided part; milliseconds.
 
 use super::cell_graph::{CellGraph, class_sums, compact, connected_pieces};
 use super::ensemble::Superfaces;
@@ -22,26 +21,26 @@ use crate::base::union_find::Forest;
 use crate::base::vector::distance;
 use std::collections::BTreeMap;
 
-/// λ: what a path of length √(area) takes from the probability to belong together.
+/// λ: the reduction of the probability of belonging together per path length of √(area).
 const PATH: f64 = 0.1;
-/// Length that turning by one radian is worth, where the boundary is concave and convex.
+/// Length equivalent to a turn of one radian, on concave and on convex boundaries.
 const TURN: [f64; 2] = [1.5, 0.05];
-/// The path to a hint on another component.
+/// Path length to a hint on another component.
 const UNREACHED: f64 = 1e3;
 
 /// Hints about cells.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Hints {
-    /// Groups of cells, each of which belong together. A single cell may be a group.
+    /// Groups of cells; the cells of a group belong together. A group may be a single cell.
     pub groups: Vec<Vec<u32>>,
-    /// Sets of groups, by their numbers, of which no two belong together.
+    /// Sets of groups, given by their numbers; no two groups of a set belong together.
     pub apart: Vec<Vec<usize>>,
 }
 
 impl Hints {
-    /// The first two groups that belong apart and that `class` gives the same number.
+    /// The first two groups that must be apart but have the same `class`.
     fn joined(&self, mut class: impl FnMut(u32) -> u32) -> Option<[usize; 2]> {
-        // For each class the last set that had it, and the group of it.
+        // For each class the last set that contained it, and the group there.
         let mut seen = vec![(usize::MAX, 0); self.groups.len()];
         for (number, set) in self.apart.iter().enumerate() {
             for &group in set {
@@ -56,14 +55,14 @@ impl Hints {
     }
 }
 
-/// Why hints cannot be followed.
+/// Why hints cannot be satisfied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Conflict {
     /// Two groups that belong apart have a cell in common, or are joined by other groups.
     Joined([usize; 2]),
 }
 
-/// How far cells belong together: what parts are divided by.
+/// How strongly cells belong together: the basis for dividing parts.
 #[derive(Clone, Copy, Debug)]
 pub struct Affinities<'a> {
     /// The cells (S); their arrays must be finite ([`CellGraph::cleaned`]).
@@ -76,12 +75,12 @@ pub struct Affinities<'a> {
     pub small_part: f64,
 }
 
-/// A hint: a cell, and the class that it is of.
+/// A hint: a cell, and its class.
 pub type Seed = (u32, u32);
 
 impl Affinities<'_> {
-    /// Divides the cells of part `part` of `label` (S) among `seeds` in it: the class of each cell of the part,
-    /// ascending. Each seed keeps its class. Small pieces without a seed join the class beside them.
+    /// Divides the cells of part `part` of `label` (S) among the `seeds` in it: returns the class of each cell of the
+    /// part, ascending. Each seed keeps its class. Small pieces without a seed join an adjacent class.
     pub fn divide(&self, label: &[u32], part: u32, seeds: &[Seed]) -> Vec<(u32, u32)> {
         let members: Vec<u32> = (0..label.len() as u32).filter(|&cell| label[cell as usize] == part).collect();
         let mut place = vec![u32::MAX; label.len()];
@@ -91,7 +90,7 @@ impl Affinities<'_> {
         let pairs: Vec<[u32; 2]> =
             edges.iter().map(|&e| self.cells.pairs[e].map(|cell| place[cell as usize])).collect();
         let steps = Steps::new(members.len(), &pairs, edges.iter().map(|&e| self.step(e)));
-        // Seeds of one class in one superface have the same C: one search finds the nearest of them.
+        // Seeds of one class in one superface have the same C: one search from all of them finds the nearest.
         let mut sources: BTreeMap<(u32, u32), Vec<u32>> = BTreeMap::new();
         for &(cell, class) in seeds {
             let superface = self.superfaces.of_cell[cell as usize];
@@ -120,13 +119,13 @@ impl Affinities<'_> {
         members.into_iter().zip(class).collect()
     }
 
-    /// Length of the step over the boundary `edge`, a pair of the cell graph.
+    /// Length of crossing the boundary `edge`, a pair of the cell graph.
     pub fn step(&self, edge: usize) -> f64 {
         let [a, b] = self.cells.pairs[edge].map(|cell| self.cells.centre[cell as usize]);
         distance(a, b) + TURN[0] * self.cells.concave[edge] + TURN[1] * self.cells.convex[edge]
     }
 
-    /// Gives small pieces of a class without a seed to the class that shares the longest boundary with them.
+    /// Reassigns small pieces of a class without a seed to the class that shares the longest boundary with them.
     fn tidy(&self, members: &[u32], pairs: &[[u32; 2]], edges: &[usize], seeded: &[bool], class: &mut [u32]) {
         let (piece, count) = connected_pieces(pairs, class);
         let total = self.cells.total_area();
@@ -154,13 +153,13 @@ impl Affinities<'_> {
         }
     }
 
-    /// `label` (S) changed as little as `hints` want: labels numbered by first appearance, and their number.
+    /// `label` (S) changed as little as `hints` require: labels numbered by first appearance, and their number.
     ///
     /// # Errors
     /// Hints that contradict each other.
     pub fn follow(&self, hints: &Hints, label: &[u32]) -> Result<(Vec<u32>, usize), Conflict> {
         let groups = hints.groups.len();
-        // Groups with a cell in common are one.
+        // Groups with a common cell are merged.
         let mut sets = Forest::new(groups);
         let mut group_at: BTreeMap<u32, u32> = BTreeMap::new();
         for (group, cells) in hints.groups.iter().enumerate() {
@@ -171,14 +170,14 @@ impl Affinities<'_> {
         if let Some(groups) = hints.joined(|group| sets.find(group)) {
             return Err(Conflict::Joined(groups));
         }
-        // Seeds by part, each of the class of its group.
+        // Seeds by part; the class of a seed is its group.
         let mut by_part: BTreeMap<u32, Vec<Seed>> = BTreeMap::new();
         for (&cell, &group) in &group_at {
             by_part.entry(label[cell as usize]).or_default().push((cell, sets.find(group)));
         }
         let parts = label.iter().max().map_or(0, |top| top + 1);
         let mut new = label.to_vec();
-        // Classes that whole parts have made one.
+        // Classes merged because they share an undivided part.
         let mut classes = Forest::new(groups);
         for (&part, seeds) in &by_part {
             let first = seeds[0].1;
@@ -204,7 +203,7 @@ impl Affinities<'_> {
     }
 }
 
-/// A small graph with lengths.
+/// A small weighted graph.
 struct Steps {
     starts: Vec<u32>,
     near: Vec<(u32, f64)>,
@@ -237,7 +236,7 @@ impl Steps {
 mod tests {
     use super::*;
 
-    /// A strip of 12 cells in four superfaces of three; C falls with the number of superfaces between.
+    /// A strip of 12 cells in four superfaces of three; C decreases with the number of superfaces in between.
     fn strip() -> (CellGraph, Superfaces, Square) {
         let n = 12u32;
         let cells = CellGraph {

@@ -1,16 +1,16 @@
 //! From the co-association to labels and to a hierarchy of parts.
 //!
-//! With C_xy the probability that superfaces x and y belong together, the expected Rand index of a
-//! labelling is, up to a constant, the sum over pairs in one part of A_x A_y (C_xy − ½). [`RandObjective::best`]
-//! maximises it by local moves and greedy joins in turn. Another threshold in place of ½ gives finer (above) or coarser
-//! (below) parts; that threshold is all there is of a "detail".
+//! With C_xy the probability that superfaces x and y belong together, the expected Rand index of a labelling is, up to
+//! a constant, the sum over pairs in the same part of A_x A_y (C_xy − ½). [`RandObjective::best`] maximises it by
+//! alternating local moves and greedy joins. Another threshold instead of ½ gives finer (above) or coarser (below)
+//! parts; that threshold is all that a "detail" changes.
 //!
-//! [`soft_hierarchy`] makes one tree of all answers. The labelling at ½ comes first, as the expected Rand index wants
-//! it but for [`super::ambiguous`] patches. Above ½ each part is labelled again at rising thresholds, so that cuts
-//! nest; below it parts are joined ([`Linkage`]). The level of a join is the mean of C between the two: the threshold
-//! from which on the join loses. Where fewer parts are asked for than found, joins rank by what they add to the
-//! expected Rand index at ½, so the parts are those of the greatest expected index that the hierarchy has for that
-//! number; where more are asked for, joins rank by level.
+//! [`soft_hierarchy`] builds one tree with all answers. It starts from the labelling at ½, which maximises the expected
+//! Rand index, without [`super::ambiguous`] patches. Above ½ each part is relabelled at increasing thresholds within
+//! the previous labels, so that cuts nest; below ½ parts are joined ([`Linkage`]). The level of a join is the mean of C
+//! between the two: at thresholds above it the join does not pay. If fewer parts are requested than found, joins are
+//! ranked by their gain in the expected Rand index at ½, so the parts are those of the greatest expected index in the
+//! hierarchy for that number; if more are requested, joins are ranked by level.
 //!
 //! Cost for R superfaces, a few hundred: R² per round of moves; a few R × R matrices.
 
@@ -27,11 +27,11 @@ use crate::store::run::Run;
 
 /// Gains below this are rounding.
 const LEAST: f64 = 1e-14;
-/// Parts are found where people are expected to differ from them by no more than this share of what they would differ
-/// by from the whole. It is at most .49 on 204 meshes, .32 to .76 on a noisy shell with a body in it, under eight
-/// seeds; a cortex whose folds make no parts had .81 and more, when landmarks were farthest from each other.
+/// Parts are separated only if the disagreement expected of people with them is at most this share of that with the
+/// undivided surface. The ratio is at most .49 on 204 meshes, .32 to .76 on a noisy shell with a body in it, under
+/// eight seeds; a cortex whose folds make no parts had .81 and more, when landmarks were farthest points.
 const PAYS: f64 = 0.8;
-/// Rounds of local moves at most, between joins.
+/// Maximum number of rounds of local moves between joins.
 const ROUNDS: usize = 30;
 
 /// The expected Rand index of labellings of superfaces: areas (R) and C (R × R).
@@ -44,8 +44,8 @@ pub struct RandObjective<'a> {
 }
 
 impl RandObjective<'_> {
-    /// The best labelling found of the superfaces in `some`, at a threshold: a label below the number
-    /// of parts for each of `some`, numbered by first appearance.
+    /// The best labelling found for the superfaces in `some`, at a threshold: a label below the number of parts for
+    /// each of `some`, numbered by first appearance.
     pub fn best(&self, some: &[u32], threshold: f64) -> Vec<u32> {
         let n = some.len();
         let mut gain = Square::zeros(n);
@@ -75,7 +75,7 @@ impl RandObjective<'_> {
 fn local_moves(gain: &Square, label: &mut [u32]) {
     let n = label.len();
     let mut count = vec![0usize; n + 1];
-    // What class k gains by superface i, one row per class: a move changes two rows.
+    // The gain of class k from superface i, one row per class: a move changes two rows.
     let mut gains = Square::zeros(n);
     for (i, &k) in label.iter().enumerate() {
         count[k as usize] += 1;
@@ -119,7 +119,7 @@ fn local_moves(gain: &Square, label: &mut [u32]) {
     }
 }
 
-/// Joins the two classes of greatest gain while it is positive; returns how many are left.
+/// Joins the two classes of greatest gain while it is positive; returns the number of classes left.
 fn greedy_joins(gain: &Square, label: &mut [u32], classes: usize) -> usize {
     let mut sums = between(gain, label, classes);
     let mut alive: Vec<usize> = (0..classes).collect();
@@ -147,7 +147,7 @@ pub(super) fn between(m: &Square, label: &[u32], classes: usize) -> Square {
     sums_between(label, classes, |i, j| m.row(i)[j])
 }
 
-/// The same of a matrix with the entries `at(i, j)`.
+/// The same for a matrix with the entries `at(i, j)`.
 fn sums_between(label: &[u32], classes: usize, at: impl Fn(usize, usize) -> f64) -> Square {
     let mut out = Square::zeros(classes);
     let mut row = vec![0.0; classes];
@@ -161,8 +161,8 @@ fn sums_between(label: &[u32], classes: usize, at: impl Fn(usize, usize) -> f64)
     out
 }
 
-/// Expected 1 − Rand index by area of a labelling of the superfaces: the share of pairs on which a
-/// person drawn by C would differ; pairs inside a superface count as certain.
+/// Expected 1 − Rand index, by area, of a labelling of the superfaces: the share of pairs on which a person drawn from
+/// C would differ; pairs within a superface count as certain.
 pub fn expected_disagreement(superfaces: &Superfaces, co_association: &Square, label: &[u32]) -> f64 {
     let area = &superfaces.area;
     let differ = |i: usize| -> f64 {
@@ -176,13 +176,13 @@ pub fn expected_disagreement(superfaces: &Superfaces, co_association: &Square, l
     (0..superfaces.len()).map(differ).sum::<f64>() / (total * total)
 }
 
-/// Thresholds above ½ at which parts are labelled again.
+/// Thresholds above ½ at which parts are relabelled.
 const LADDER: [f64; 10] = [0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 0.99];
 
-/// Greatest level of what the labelling at ½ leaves apart: below ½ in single precision too.
+/// Maximum level of joins between the parts found: below ½ also in single precision.
 const BELOW_HALF: f64 = 0.4999;
 
-/// The hierarchy of cells whose superfaces belong together with probabilities C.
+/// The hierarchy of cells, given the probabilities C that their superfaces belong together.
 ///
 /// # Errors
 /// Cancellation.
@@ -228,7 +228,7 @@ pub fn soft_hierarchy(
             Ok(levels_of.stage(&levels[k], &levels[k + 1], low, high))
         },
     )?;
-    // Parts that hardly pay stay one at ½ already.
+    // Parts that hardly reduce the disagreement are joined at ½ already.
     let expected = |label: &[u32]| expected_disagreement(superfaces, co_association, label);
     let least = if expected(&levels[1]) > PAYS * expected(&levels[0]) { HALF } else { 0.0 };
     let coarse = stages.into_iter().rev().flatten();
@@ -237,7 +237,7 @@ pub fn soft_hierarchy(
     Ok(PartTree::new(cells, unions_within(cells, &superfaces.of_cell).into_iter().chain(unions), small_part))
 }
 
-/// The labels of the superfaces of one part at each threshold of [`LADDER`], each within those of the one before.
+/// The labels of the superfaces of one part at each threshold of [`LADDER`], each refining the previous one.
 fn ladder(objective: RandObjective<'_>, part: &[u32]) -> Vec<Vec<u32>> {
     let mut label = vec![0; part.len()];
     let mut out = Vec::with_capacity(LADDER.len());
@@ -257,8 +257,8 @@ fn ladder(objective: RandObjective<'_>, part: &[u32]) -> Vec<Vec<u32>> {
     out
 }
 
-/// Unions of level 1 that make the superfaces of their cells: strongest boundaries first, then, where
-/// a superface is not connected, in cell order.
+/// Unions of level 1 that make the superfaces from their cells: strongest boundaries first, then, if a superface is not
+/// connected, in cell order.
 pub fn unions_within(cells: &CellGraph, superface: &[u32]) -> Vec<CellUnion> {
     let mut inside: Vec<usize> = (0..cells.pairs.len())
         .filter(|&k| superface[cells.pairs[k][0] as usize] == superface[cells.pairs[k][1] as usize])
@@ -277,7 +277,7 @@ pub fn unions_within(cells: &CellGraph, superface: &[u32]) -> Vec<CellUnion> {
     out
 }
 
-/// What each class of a labelling consists of.
+/// The members of each class of a labelling.
 fn class_members(label: &[u32]) -> Vec<Vec<u32>> {
     let mut out = vec![Vec::new(); label.iter().max().map_or(0, |&m| m as usize + 1)];
     for (&k, i) in label.iter().zip(0u32..) {
@@ -293,8 +293,8 @@ struct HierarchyLevels<'a> {
 }
 
 impl HierarchyLevels<'_> {
-    /// The unions that lead from the classes `fine` to the classes `coarse`, levels within
-    /// `low`..`high`, greatest first.
+    /// The unions that lead from the classes `fine` to the classes `coarse`, with levels within `low`..`high`, greatest
+    /// first.
     fn stage(&self, coarse: &[u32], fine: &[u32], low: f64, high: f64) -> Vec<CellUnion> {
         let mut out: Vec<CellUnion> = Vec::new();
         for class in class_members(coarse) {
@@ -331,8 +331,8 @@ impl HierarchyLevels<'_> {
             .joins(if low < HALF { LinkageRank::Gain } else { LinkageRank::Mean }, 1)
             .iter()
             .map(|join| {
-                // Below the labelling at ½ the join that costs least goes first. Above it all joins gain, that of a
-                // tiny the least, whether it is one or not: there the surest come first.
+                // Below the labelling at ½, the join with the least loss comes first. Above it every join gains, tiny
+                // pieces the least, whether or not the join is right; so the most certain joins come first.
                 let rank = if low < HALF { join.gain.min(0.0) } else { join.mean.max(f64::MIN_POSITIVE) };
                 CellUnion { level: join.mean.clamp(low, high), rank, a: first[join.i], b: first[join.j] }
             })
@@ -407,7 +407,7 @@ mod tests {
             let value = |k: u32| if (k / n < n / 2) == (k % n < n / 2) { inside } else { across };
             Square::from_values(n as usize, (0..n * n).map(value).collect())
         };
-        // Regression: a cortex had one part or two by chance of the seed.
+        // Regression: a cortex had one part or two, depending on the seed.
         let unsure = halves(0.55, 0.45);
         assert_eq!((parts(&halves(0.9, 0.1), 0.), parts(&unsure, 0.)), (2, 1));
         assert_eq!(parts(&unsure, 0.1), 2, "asked for finer parts");

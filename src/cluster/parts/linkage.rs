@@ -1,16 +1,16 @@
-//! Agglomeration of classes: the two that go together best become one, until as many are left as wanted.
+//! Agglomerative clustering: the best pair of classes is joined until the wanted number is left.
 //!
-//! Each class remembers the best partner among those after it. Where that partner grows or ends, the value remembered
-//! is an upper bound from then on, and the class is looked at again only when it would come first. Scattered pieces
-//! need that: by gain the smallest class is everybody's best partner, so each join would have all others look again
-//! (2,000 classes took 3 s).
+//! Each class stores the best partner among those after it. If that partner grows or disappears, the stored value
+//! becomes an upper bound, and the class is re-examined only when it would come first. Scattered pieces need that: by
+//! gain, the smallest class is everybody's best partner, so without it each join would re-examine all others (2,000
+//! classes took 3 s).
 //!
-//! Cost for R classes: R² to begin with; R per join, and R for each class that is looked at again. 9 R² bytes.
+//! Cost for R classes: R² initially; R per join, and R for each class that is re-examined. 9 R² bytes.
 
 use super::hierarchy::HALF;
 use super::matrix::Square;
 
-/// What is greatest is joined first.
+/// The criterion by which pairs are joined, greatest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkageRank {
     /// The mean of C between two classes: average linkage by area.
@@ -19,16 +19,16 @@ pub enum LinkageRank {
     Gain,
 }
 
-/// One join: class `j` goes into class `i` < `j`.
+/// One join: class `j` is merged into class `i` < `j`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClassJoin {
     /// The class that stays.
     pub i: usize,
-    /// The class that ends.
+    /// The class that disappears.
     pub j: usize,
-    /// Mean of C between the two, by area.
+    /// Area-weighted mean of C between the two.
     pub mean: f64,
-    /// What the join adds to the expected Rand index: Σ A A (C − ½) over the pairs it joins.
+    /// The gain in the expected Rand index: Σ A A (C − ½) over the pairs it joins.
     pub gain: f64,
 }
 
@@ -39,11 +39,12 @@ pub struct Linkage {
     pub sums: Square,
     /// Areas of the classes.
     pub area: Vec<f64>,
-    /// Which classes touch (R × R, row by row): neighbours are joined before others. `None`: it does not matter.
+    /// Which classes are adjacent (R × R, row by row): adjacent ones are joined before others. `None`: adjacency is
+    /// ignored.
     pub touching: Option<Vec<bool>>,
 }
 
-/// Subtracted from the value of classes that do not touch.
+/// Subtracted from the value of classes that are not adjacent.
 const APART: f64 = 1e3;
 
 /// The best partner of a class among those after it.
@@ -51,7 +52,7 @@ const APART: f64 = 1e3;
 struct Best {
     value: f64,
     partner: usize,
-    /// Whether the value is an upper bound only, since the partner is no longer what it was.
+    /// Whether the value is only an upper bound, since the partner has changed.
     stale: bool,
 }
 
@@ -73,7 +74,7 @@ impl Linkage {
         if apart { value - APART } else { value }
     }
 
-    /// Adds class `j` to class `i`.
+    /// Merges class `j` into class `i`.
     fn fold(&mut self, i: usize, j: usize) {
         let n = self.area.len();
         self.sums.fold(i, j);
@@ -126,7 +127,8 @@ impl Linkage {
                 best[k].stale |= partner == i || partner == j;
                 if k < i {
                     let value = self.value(i, k, rank);
-                    // As good as the bound and no later than whom it was of: nothing before it is that good.
+                    // At least as good as the bound, with a partner that does not come later: nothing before it can be
+                    // as good.
                     if value > best[k].value || (value == best[k].value && i <= partner) {
                         best[k] = Best { value, partner: i, stale: false };
                     }
@@ -142,7 +144,7 @@ mod tests {
     use super::*;
     use crate::base::random::{below, stream, unit};
 
-    /// All pairs are looked at before each join.
+    /// Reference: examines all pairs before each join.
     fn slowly(mut linkage: Linkage, rank: LinkageRank, down_to: usize) -> Vec<(usize, usize)> {
         let n = linkage.area.len();
         let (mut alive, mut out) = (vec![true; n], Vec::new());
@@ -164,7 +166,7 @@ mod tests {
         out
     }
 
-    /// With values drawn from few, so that many are equal, and from all.
+    /// With values from a small set, so that many are equal, and with arbitrary ones.
     #[test]
     fn joins_are_those_of_looking_at_all_pairs() {
         let mut random = stream(7, "linkage");

@@ -1,6 +1,7 @@
 //! A square matrix of numbers, row-major.
 //!
-//! Own code because rows are read as slices and folded into each other in a fixed order; n² numbers of 8 bytes.
+//! This is our own code because rows are read as slices and added to each other in a fixed order. Memory: n² numbers of
+//! 8 bytes.
 
 use std::ops::{Index, IndexMut};
 
@@ -17,7 +18,7 @@ impl Square {
         Square { n, values: vec![0.0; n * n] }
     }
 
-    /// From n² values, row-major; what is missing is zero.
+    /// From n² values, row-major; missing ones are zero.
     pub fn from_values(n: usize, mut values: Vec<f64>) -> Square {
         values.resize(n * n, 0.0);
         Square { n, values }

@@ -1,38 +1,40 @@
-//! What the probability of a merge is made from: measures of two regions and of their common boundary.
+//! The features from which the probability of a merge is computed: measures of two regions and of their common
+//! boundary.
 //!
-//! All are free of the mesh's size and position. The first ten say how strong and how sharp the boundary is and what
-//! the two regions look like; the others say how much of the regions' boundaries it is, how much they see each other,
-//! what shape it has as a curve, how its angles vary, and how creased the regions are within.
+//! All are independent of the mesh's size and position. The first ten describe how strong and how sharp the boundary is
+//! and the shapes of the two regions; the others describe its share of the regions' perimeters, how much the regions
+//! see each other, the shape of the boundary as a curve, the variation of its angles, and the creases within the
+//! regions.
 //!
-//! Cost: constant for a merge.
+//! Cost: constant per merge.
 
 use super::matrix::Square;
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, EdgeSums, Regions};
 use crate::base::moments;
 use libm::log as ln;
 
-/// The logarithm of the cost is clipped to ± this before it enters the probability.
+/// The logarithm of the cost is clipped to ± this value before use.
 const COST_CLIP: f64 = 6.0;
-/// Least height of a region over its own centroid, in units of √(total area).
+/// Minimum height of a region over its own centroid, in units of √(total area).
 const HEIGHT_FLOOR: f64 = 0.005;
-/// Number of features that the probability is made from.
+/// Number of features.
 pub const FEATURES: usize = 30;
-/// Which of them is ln of a boundary's length over its extent.
+/// Index of the feature ln of a boundary's length over its extent.
 const CURVE_LENGTH: usize = 18;
 
-/// The logarithm of what may be nothing.
+/// The logarithm of a value that may be 0.
 pub(super) fn log(x: f64) -> f64 {
     ln(x.max(1e-6))
 }
 
-/// Roots of the eigenvalues, greatest first, of a distribution with the given means of x and of its products.
+/// Square roots of the eigenvalues, greatest first, of a distribution with the given means of x and of its products.
 fn extents(mean: [f64; 3], products: [f64; 6]) -> [f64; 3] {
     let of_mean = moments::products(mean);
     let e = moments::eigenvalues(std::array::from_fn(|k| products[k] - of_mean[k]));
     e.map(|v| v.max(1e-8).sqrt())
 }
 
-/// The features of one region that the probability uses.
+/// The features of one region.
 struct RegionShape {
     length: f64,
     width: f64,
@@ -58,7 +60,7 @@ impl RegionShape {
     }
 }
 
-/// What the probability uses of the common boundary of two regions: means along it.
+/// The features of the common boundary of two regions: means along it.
 struct SharedBoundary {
     length: f64,
     convex: f64,
@@ -81,9 +83,9 @@ impl SharedBoundary {
     }
 }
 
-/// The shape of a boundary as a curve, and how its angles vary: ln of its second and of its third extent over the first
-/// (0 and little: a flat ring); ln of its length over its extent; deviation of the concave angle; share of it that is
-/// concave, and sharply so; mean convex angle at radius .02; share of it that is sharply convex.
+/// The shape of a boundary as a curve, and the variation of its angles: ln of its second and of its third extent over
+/// the first (0 and very small: a flat ring); ln of its length over its extent; deviation of the concave angle; share
+/// of it that is concave, and sharply so; mean convex angle at radius .02; share of it that is sharply convex.
 fn curve(sums: &EdgeSums, concave: f64) -> [f64; 8] {
     let length = sums.length.max(1e-12);
     let [first, second, third] = extents(sums.centre.map(|x| x / length), sums.products.map(|x| x / length));
@@ -99,14 +101,14 @@ fn curve(sums: &EdgeSums, concave: f64) -> [f64; 8] {
     ]
 }
 
-/// How creased a region is within: mean squared concave angle, concave share, mean convex angle.
+/// The creases within a region: mean squared concave angle, concave share, mean convex angle.
 fn creases(sums: &EdgeSums) -> [f64; 3] {
     [sums.squared_concave, sums.creased, sums.convex].map(|sum| sum / sums.length.max(1e-9))
 }
 
-/// The features of uniting neighbours `i` and `j` with the given logarithm of the cost, in this order:
+/// The features of merging neighbours `i` and `j` with the given logarithm of the cost, in this order:
 ///
-/// - 0: that, clipped; 1: cosine of the mean embeddings;
+/// - 0: that logarithm, clipped; 1: cosine of the mean embeddings;
 /// - 2: length of the smaller's mean normal (open patch 1, closed limb 0); 3: |ln| of the ratio of widths; 4: ln of the
 ///   larger's length; 5: ln of boundary over the smaller's height;
 /// - 6: mean convex angle of the boundary at radius .04; 7: root of the mean |difference| of ln thickness between cells
@@ -114,9 +116,9 @@ fn creases(sums: &EdgeSums) -> [f64; 3] {
 ///   thinner of the two (≤ 0);
 /// - 10: the boundary's share of the smaller's perimeter, 11: of the larger's; 12: share of pairs of cells that see
 ///   each other as convex across the boundary, 13 and 14: within the smaller and the larger, 15: within both together;
-/// - 16 to 23: its shape as a curve and how its angles vary; 24 to 29: how creased the two are within.
+/// - 16 to 23: its shape as a curve and the variation of its angles; 24 to 29: the creases within the two.
 ///
-/// On a folded surface the lengths in 0, 4, 5 and 18 are those of the shape without its folds.
+/// On a folded surface the lengths in 0, 4, 5 and 18 are those of the unfolded shape.
 pub fn merge_features(r: &Regions, i: usize, j: usize, log_cost: f64) -> [f64; FEATURES] {
     let (i, j) = if r.area(i) <= r.area(j) { (i, j) } else { (j, i) };
     let boundary = SharedBoundary::of(r, i, j);

@@ -1,11 +1,11 @@
-//! The log odds that people keep two regions in one part: boosted regression trees, fitted to people's cuts.
+//! The log odds that people keep two regions in one part: boosted regression trees, fitted to human segmentations.
 //!
 //! The trees are fitted to the human segmentations of half of the Princeton benchmark (Chen, Golovinskiy, Funkhouser,
-//! SIGGRAPH 2009). The target of the fit is what most people do at a merge; its weight is how much that matters to the
-//! Rand index: |2t − 1| times the pairs that it joins, to the power .6, so that few large merges do not decide; t is
-//! the share of people who join them. `tools/fit` fits them again, with LightGBM (Ke et al. 2017). Trees beat a
-//! logistic function of the same measures on models that were not fitted to (docs/dev/segmentation-experiments.md),
-//! since measures matter differently for open patches, limbs and rims.
+//! SIGGRAPH 2009). The target of the fit is the majority decision at a merge; its weight is the effect on the Rand
+//! index: |2t − 1| times the pairs that it joins, to the power .6, so that few large merges do not dominate; t is the
+//! share of people who join them. `tools/fit` repeats the fit, with LightGBM (Ke et al. 2017). Trees are better than a
+//! logistic function of the same features on held-out models (docs/dev/segmentation-experiments.md), since features
+//! matter differently for open patches, limbs and rims.
 //!
 //! Cost: a few comparisons per tree; some tens of kilobytes, read once.
 
@@ -24,24 +24,24 @@ const FITTED: &str = include_str!("merge_odds.json");
 pub struct BoostedTrees {
     /// Depth of all trees.
     depth: u32,
-    /// For each inner node of each tree, in order: the feature that decides.
+    /// For each inner node of each tree, in order: the feature that is compared.
     feature: Vec<u8>,
     /// For each inner node: greater values go right.
     threshold: Vec<f64>,
-    /// For each leaf of each tree: what it adds to the log odds.
+    /// For each leaf of each tree: its contribution to the log odds.
     leaf: Vec<f64>,
 }
 
 impl BoostedTrees {
-    /// The trees of all decisions.
+    /// The trees used in all decisions.
     pub fn fitted() -> &'static BoostedTrees {
         static TREES: OnceLock<BoostedTrees> = OnceLock::new();
         // A test checks that the file can be parsed; without trees all odds would be even.
         TREES.get_or_init(|| BoostedTrees::parse(FITTED).unwrap_or_default())
     }
 
-    /// Trees from JSON: an object of this type's fields. `None` where the text is no such thing, names features that do
-    /// not exist, or where arrays disagree in size.
+    /// Trees from JSON: an object with this type's fields. `None` if the text is invalid, contains features that do not
+    /// exist, or has arrays of inconsistent size.
     pub fn parse(text: &str) -> Option<BoostedTrees> {
         let trees: BoostedTrees = serde_json::from_slice(text.as_bytes()).ok()?;
         let leaves = 1usize.checked_shl(trees.depth).filter(|_| trees.depth < 16)?;

@@ -1,12 +1,12 @@
-//! Merging the regions of an over-segmentation all the way down, and how probable each merge is.
+//! Merges the regions of an over-segmentation down to one, with a probability for each merge.
 //!
-//! The order of merges: cost = W / min(A)^.75 · conv³ with W the strength of the common boundary, A the areas and conv
-//! the share of cell pairs across it that see each other as convex, relative to the regions' own shares, so that the
-//! inside of a cup stays whole. The probability that people keep the two in one part comes from boosted trees
-//! ([`super::merge_odds`]) over that cost and other features of both regions and of their boundary
+//! The order of merges: cost = W / min(A)^.75 · conv³, with W the strength of the common boundary, A the areas, and
+//! conv the share of cell pairs across it that see each other as convex, relative to the regions' own shares, so that
+//! the inside of a cup stays whole. The probability that people keep the two in one part is computed by boosted trees
+//! ([`super::merge_odds`]) from that cost and other features of both regions and of their boundary
 //! ([`super::merge_features`]).
 //!
-//! Cost for R regions, some thirty: R costs per merge, R² comparisons at the most.
+//! Cost for R regions, some thirty: R costs per merge, at most R² comparisons.
 
 use super::matrix::Square;
 use super::merge_features::{FEATURES, log, merge_features};
@@ -15,8 +15,8 @@ use super::regions::Regions;
 use crate::spectral::exp::exp_signed;
 use std::borrow::Cow;
 
-/// What decides the order of merges and their probabilities. The default is that of all decisions; others are
-/// for fitting (`tools/fit`).
+/// Determines the order of merges and their probabilities. All decisions use the default; others are for fitting
+/// (`tools/fit`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct MergeModel {
     /// Exponent of the smaller area in the cost.
@@ -34,7 +34,7 @@ impl Default for MergeModel {
 }
 
 impl MergeModel {
-    /// Natural logarithm of the cost of uniting regions `i` and `j`: the greater the sooner.
+    /// Natural logarithm of the cost of merging regions `i` and `j`: the greater, the sooner.
     pub fn log_cost(&self, r: &Regions, i: usize, j: usize) -> f64 {
         let share = |a: usize, b: usize, e: f64| (r.seen[(a, b)] + e) / (r.all[(a, b)] + e);
         let own = share(i, i, 1e-9) * share(j, j, 1e-9);
@@ -42,28 +42,28 @@ impl MergeModel {
         log(r.strength[(i, j)]) - self.area_power * log(r.area(i).min(r.area(j))) + self.convexity_power * log(conv)
     }
 
-    /// Probability that people keep two regions with such [`merge_features`] in one part.
+    /// Probability that people keep two regions with these [`merge_features`] in one part.
     pub fn probability(&self, features: &[f64; FEATURES]) -> f64 {
         1.0 / (1.0 + exp_signed(-self.odds.log_odds(features)))
     }
 }
 
-/// One union: region `j` goes into region `i` < `j`, which keeps its name.
+/// One merge: region `j` goes into region `i` < `j`, which keeps its number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RegionMerge {
     /// The region that stays.
     pub i: usize,
-    /// The region that ends.
+    /// The region that disappears.
     pub j: usize,
     /// Natural logarithm of the cost at which they merged.
     pub log_cost: f64,
-    /// What the probability is made from.
+    /// The features from which the probability is computed.
     pub features: [f64; FEATURES],
     /// Probability that people keep them in one part.
     pub probability: f64,
 }
 
-/// All merges in order, until no two regions touch or `stop(ln cost, regions left)` says so.
+/// All merges in order, until no two regions are adjacent or `stop(ln cost, regions left)` returns true.
 pub fn merges(mut r: Regions, model: &MergeModel, mut stop: impl FnMut(f64, usize) -> bool) -> Vec<RegionMerge> {
     let n = r.len();
     let mut alive = vec![true; n];
@@ -73,7 +73,7 @@ pub fn merges(mut r: Regions, model: &MergeModel, mut stop: impl FnMut(f64, usiz
             cost[(i, j)] = model.log_cost(&r, i, j);
         }
     }
-    // The greatest of each row right of the diagonal; rows are rescanned only when theirs changes.
+    // The greatest entry of each row right of the diagonal; a row is rescanned only when that entry changes.
     let scan = |cost: &Square, i: usize| {
         let mut best = (f64::NEG_INFINITY, n);
         for (j, &c) in cost.row(i).iter().enumerate().skip(i + 1) {
@@ -121,8 +121,8 @@ pub fn merges(mut r: Regions, model: &MergeModel, mut stop: impl FnMut(f64, usiz
     }
 }
 
-/// The probability at the lowest common merge of any two of `n` regions: 1 on the diagonal, 0
-/// for regions that never meet.
+/// The probability at the lowest common merge of any two of `n` regions: 1 on the diagonal, 0 for regions that never
+/// merge.
 pub fn meeting_probability(n: usize, merges: &[RegionMerge]) -> Square {
     let mut p = Square::zeros(n);
     let mut merged_into: Vec<Vec<usize>> = (0..n).map(|i| vec![i]).collect();
@@ -142,7 +142,7 @@ pub fn meeting_probability(n: usize, merges: &[RegionMerge]) -> Square {
     p
 }
 
-/// The class of each of `n` regions after the first merges, named by its least region.
+/// The class of each of `n` regions after the first merges, identified by its least region.
 pub fn classes_after(n: usize, merges: &[RegionMerge]) -> Vec<u32> {
     let mut into: Vec<u32> = (0..n as u32).collect();
     for m in merges {
@@ -162,10 +162,10 @@ mod tests {
     use crate::spectral::anchor::AnchorEmbedding;
     use crate::store::Run;
 
-    /// Thousands of loose pieces took two gigabytes: all pairs of their regions had sums.
+    /// Regression: thousands of loose pieces took two gigabytes, since sums were stored for all pairs of their regions.
     #[test]
     fn pieces_merge_on_their_own_as_they_do_together() {
-        // Three strips side by side, their cells in turns; each cell a region of its own.
+        // Three separate strips with interleaved cells, each cell a region of its own.
         let (strips, long) = (3, 12);
         let n = strips * long;
         let mut random = stream(0, "strips");

@@ -1,25 +1,25 @@
-//! Parts as people would cut them, decided on some two thousand cells: constant in the mesh size.
+//! Parts as people would cut them, decided on some two thousand cells: constant time and memory in the mesh size.
 //!
 //! The input is the cell graph and the landmark distances averaged over cells.
-//! - What the surface encloses, its [`interior`], is set apart first: walls of cavities follow the outside, bodies
-//!   within are decided on alone.
+//! - The [`interior`] of the surface is separated first: walls of cavities follow the outside, bodies within are
+//!   decided on alone.
 //! - [`ensemble`] over-segments the cells twelve times (embedding of [`crate::spectral::anchor`], [`cell_kmeans`]),
 //!   each time from a random subset of the landmarks.
-//! - [`merges`] merges each over-segmentation down to one part and tells at each merge how probably people keep the two
-//!   sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`], in units of the
-//!   shape without its [`folding`].
+//! - [`merges`] merges each over-segmentation down to one part and estimates at each merge the probability that people
+//!   keep the two sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`], in
+//!   units of the shape without its [`folding`].
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
-//! - Where the surface is its own mirror image, or a posed body is so along its surface, both sides are made alike
-//!   ([`symmetry`]).
+//! - If the surface is its own mirror image, or a posed body is symmetric along its surface, both sides are decided
+//!   alike ([`symmetry`]).
 //! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches, and a whole
 //!   [`hierarchy`] around them.
-//! - [`hints`] changes a labelling as people ask; `split` divides a part further along the hierarchy.
-//! - [`agreement`] tells how sure a part is and how many people would have it.
-//! - [`decide`] is the recipe of all that; [`consensus`] has the plainer decisions.
+//! - [`hints`] changes a labelling according to people's edits; `split` divides a part further along the hierarchy.
+//! - [`agreement`] estimates how certain a part is and how many people would have it.
+//! - [`decide`] combines all of this; [`consensus`] has the simpler decisions.
 //!
-//! Everything is a function of the input and the seed: not of threads, not of timing. Cost: .05 s on two
-//! threads for 60 landmarks, some megabytes, whatever the size of the mesh; up to .08 s of processor time more
-//! where no plane is found.
+//! Everything is a function of the input and the seed, not of threads or timing. Cost: .05 s on two threads for 60
+//! landmarks, some megabytes, whatever the size of the mesh; up to .08 s more processor time if no mirror plane is
+//! found.
 
 pub mod agreement;
 mod ambiguous;
@@ -57,47 +57,47 @@ pub use interior::enclosed::Enclosed;
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// Over-segmentations of an ensemble at the most.
+/// Maximum number of over-segmentations in an ensemble.
 pub const MOST_SEGMENTATIONS: usize = 4096;
 
-/// How the parts are decided.
+/// The method of deciding on parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Decision {
-    /// An ensemble merged down to one part each, probabilities at the merges, the labelling of the
-    /// greatest expected Rand index: no stop constant.
+    /// An ensemble merged down to one part each, probabilities at the merges, the labelling of the greatest expected
+    /// Rand index: no stop constant.
     #[default]
     SoftTrees,
-    /// An ensemble stopped by a constant, average linkage, a last merge.
+    /// An ensemble stopped by a constant, average linkage, a final merge.
     Consensus,
     /// One over-segmentation, merged until a constant.
     Single,
 }
 
-/// How many parts are wanted.
+/// The number of parts requested.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PartCount {
-    /// As many as there are.
+    /// As many as are found.
     #[default]
     Found,
     /// Exactly this many.
     Exactly(usize),
-    /// As many as there are, within these bounds, both included.
+    /// As many as are found, within these bounds, both included.
     Between(usize, usize),
 }
 
 /// Options of [`decide`] and [`cut`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartsParams {
-    /// How the parts are decided.
+    /// The method of deciding.
     pub decision: Decision,
-    /// How many are wanted.
+    /// The number of parts requested.
     pub count: PartCount,
-    /// −1 (one part) to 1 (as fine as can be told), 0 being the parts found; moves the threshold
-    /// ([`detail_threshold`]). No effect where the number is given.
+    /// −1 (one part) to 1 (as fine as possible), 0 for the parts found; moves the threshold ([`detail_threshold`]). No
+    /// effect if the number is given.
     pub detail: f64,
-    /// Over-segmentations in the ensemble of [`Decision::SoftTrees`], from 1 to [`MOST_SEGMENTATIONS`].
+    /// Number of over-segmentations in the ensemble of [`Decision::SoftTrees`], from 1 to [`MOST_SEGMENTATIONS`].
     pub ensemble_size: usize,
     /// Connected pieces below this share of the area join a neighbour.
     pub small_part: f64,
@@ -116,7 +116,7 @@ impl Default for PartsParams {
 }
 
 impl PartsParams {
-    /// Refuses options out of range.
+    /// Rejects options out of range.
     ///
     /// # Errors
     /// [`Error::Parameter`] naming the option.
@@ -139,7 +139,7 @@ impl PartsParams {
 }
 
 impl PartCount {
-    /// The least number that is asked for.
+    /// The least number requested.
     pub fn least(self) -> usize {
         match self {
             Self::Found => 1,
@@ -147,7 +147,7 @@ impl PartCount {
         }
     }
 
-    /// The same, but for no more than `most` parts.
+    /// The same, but for at most `most` parts.
     pub fn at_most(self, most: usize) -> Self {
         match self {
             Self::Found => Self::Found,

@@ -1,16 +1,16 @@
 //! Connected pieces of regions.
 //!
-//! Regions that no boundary connects never merge, so nothing has to be known of two of different pieces. An object of
-//! thousands of loose pieces has as many regions at least; sums over all pairs of these took 2 GB. Cost: 12 bytes per
-//! region, and 24 per piece.
+//! Regions without a common boundary never merge, so no data are needed between regions of different pieces. An object
+//! of thousands of loose pieces has at least as many regions; sums over all pairs of these took 2 GB. Cost: 12 bytes
+//! per region, and 24 per piece.
 
 use super::cell_graph::{CellGraph, compact};
 use crate::base::union_find::Forest;
 
-/// Connected pieces of regions, in the order of their first ones, and the regions of each, ascending.
+/// Connected pieces of regions, ordered by their first region, and the regions of each, ascending.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionPieces {
-    /// Piece of each region, and its place there (R).
+    /// Piece of each region, and its position there (R).
     of_region: Vec<(u32, u32)>,
     /// The regions of each piece.
     regions: Vec<Vec<u32>>,
@@ -22,7 +22,7 @@ impl RegionPieces {
         Self::numbered(&vec![0; count], 1)
     }
 
-    /// The pieces of the `count` regions `of_cell` (S): two that touch are in one.
+    /// The pieces of the `count` regions `of_cell` (S): adjacent regions are in the same piece.
     pub fn connected(cells: &CellGraph, of_cell: &[u32], count: usize) -> RegionPieces {
         let mut forest = Forest::new(count);
         for &[i, j] in &cells.pairs {
@@ -32,7 +32,7 @@ impl RegionPieces {
         Self::numbered(&piece, pieces)
     }
 
-    /// Those that `piece` tells of each region, `pieces` in all.
+    /// From the `piece` of each region, with `pieces` in all.
     fn numbered(piece: &[u32], pieces: usize) -> RegionPieces {
         let mut regions = vec![Vec::new(); pieces];
         let put = |(&piece, region): (&u32, u32)| {
@@ -53,7 +53,7 @@ impl RegionPieces {
         self.of_region.len()
     }
 
-    /// The piece of `region`, and its place there.
+    /// The piece of `region`, and its position there.
     pub fn place(&self, region: u32) -> (usize, usize) {
         let (piece, place) = self.of_region[region as usize];
         (piece as usize, place as usize)

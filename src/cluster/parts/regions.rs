@@ -1,11 +1,11 @@
-//! Regions of cells: their sums.
+//! Regions of cells, represented by sums.
 //!
-//! Sums over cells ([`Regions`]) add up when regions merge, so no merge looks at a cell again. What a merge
-//! costs, and how probable it is that people would make it, comes from these sums alone
-//! ([`super::merge_features`], [`super::merges`]).
+//! Sums over cells ([`Regions`]) add up when regions merge, so no merge has to examine a cell again. The cost of a
+//! merge, and the probability that people would make it, are computed from these sums alone ([`super::merge_features`],
+//! [`super::merges`]).
 //!
-//! Cost for R regions, some thirty: 23 R × R matrices. Regions that no boundary connects never merge: those of an
-//! object of loose pieces, thousands perhaps, are summed piece by piece ([`RegionPieces`]).
+//! Cost for R regions, some thirty: 23 R × R matrices. Regions without a common boundary never merge: those of an
+//! object of loose pieces, perhaps thousands, are summed piece by piece ([`RegionPieces`]).
 
 use super::cell_graph::CellGraph;
 use super::convexity::PairSums;
@@ -16,14 +16,14 @@ use crate::spectral::anchor::AnchorEmbedding;
 use crate::spectral::exp::exp64;
 use bytemuck::{Pod, Zeroable};
 
-/// Coordinates of the mean embedding kept per region.
+/// Coordinates of the mean embedding stored per region.
 pub const EMBEDDING_DIMENSIONS: usize = 12;
 /// A boundary's strength is length · exp(−(concave + this · convex angle)/[`FADE`]).
 const CONVEX_SHARE: f64 = 0.1;
-/// Radians of turning over which a boundary loses a factor e of its strength.
+/// Radians of turning that reduce a boundary's strength by a factor of e.
 const FADE: f64 = 0.5;
 
-/// Sums over the cells of a region; all but the area are weighted by it.
+/// Sums over the cells of a region; all except the area are weighted by it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct CellMoments {
@@ -37,13 +37,13 @@ pub struct CellMoments {
     pub normal: [f64; 3],
     /// A·n·x: three times the volume of the cone to the origin.
     pub height: f64,
-    /// A·embedding, zeros where there are fewer coordinates.
+    /// A·embedding, padded with zeros.
     pub embedding: [f64; EMBEDDING_DIMENSIONS],
     /// A·ln thickness.
     pub log_thickness: f64,
 }
 
-/// The moments of each cell (S): what region sums are made of. `thickness`: its logarithm (S).
+/// The moments of each cell (S), from which region sums are formed. `thickness`: its logarithm (S).
 pub fn cell_moments(cells: &CellGraph, embedding: &AnchorEmbedding, thickness: &[f64]) -> Vec<CellMoments> {
     (0..cells.len())
         .map(|i| {
@@ -70,7 +70,7 @@ pub struct RegionLabels<'a> {
     pub of_cell: &'a [u32],
     /// Region of each superface.
     pub of_superface: &'a [u32],
-    /// The pieces that the regions are summed in.
+    /// The pieces by which regions are summed.
     pub pieces: &'a RegionPieces,
 }
 
@@ -89,13 +89,13 @@ pub struct Regions {
     pub concave: Square,
     /// Σ length · mean logarithm of the thickness on both sides.
     pub boundary_thickness: Square,
-    /// Pairs of cells that see each other as convex, at one width (diagonal: each pair twice).
+    /// Pairs of cells that see each other as convex, at one width (on the diagonal each pair counts twice).
     pub seen: Square,
-    /// All pairs of cells within the cut of that width.
+    /// All pairs of cells within the cutoff of that width.
     pub all: Square,
     /// |difference| of the logarithms of thickness over all those pairs.
     pub thickness_jump: Square,
-    /// Where and how sharp boundaries are (R × R, row-major): of the common boundary, and on the diagonal of the pairs
+    /// Positions and sharpness of boundaries (R × R, row-major): of common boundaries, and on the diagonal of the pairs
     /// of cells within a region.
     pub edges: Vec<EdgeSums>,
     /// Length of the boundary of each region (R).
@@ -104,32 +104,32 @@ pub struct Regions {
     pub log_folding: f64,
 }
 
-/// Concave angles above these count as concave, and as sharp; convex ones above the second as convex.
+/// Concave angles above these count as concave, and as sharp; convex ones above the second as sharp.
 const SHARP: [f64; 2] = [0.1, 0.3];
 
-/// Sums over pairs of touching cells, weighted by the length of their common boundary.
+/// Sums over pairs of adjacent cells, weighted by the length of their common boundary.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct EdgeSums {
     /// Length L.
     pub length: f64,
-    /// L·x, x being the middle between the cells' centroids.
+    /// L·x, where x is the midpoint of the cells' centroids.
     pub centre: [f64; 3],
     /// L·(xx, yy, zz, xy, xz, yz).
     pub products: [f64; 6],
     /// L·concave².
     pub squared_concave: f64,
-    /// L where the concave angle is above .1.
+    /// L if the concave angle is above .1.
     pub creased: f64,
-    /// L where it is above .3.
+    /// L if it is above .3.
     pub sharp: f64,
     /// L·convex.
     pub convex: f64,
-    /// L where the convex angle is above .3.
+    /// L if the convex angle is above .3.
     pub sharply_convex: f64,
 }
 
-/// The sums of pair `k` of touching cells.
+/// The sums of pair `k` of adjacent cells.
 fn edge_sums(cells: &CellGraph, k: usize) -> EdgeSums {
     let [i, j] = cells.pairs[k].map(|i| cells.centre[i as usize]);
     let x: [f64; 3] = std::array::from_fn(|c| 0.5 * (i[c] + j[c]));
@@ -147,14 +147,14 @@ fn edge_sums(cells: &CellGraph, k: usize) -> EdgeSums {
     }
 }
 
-/// Adds sums to sums, field by field.
+/// Adds sums field by field.
 fn add<T: Pod>(to: &mut T, sums: &T) {
     let to: &mut [f64] = bytemuck::cast_slice_mut(std::slice::from_mut(to));
     to.iter_mut().zip(bytemuck::cast_slice(std::slice::from_ref(sums))).for_each(|(sum, x): (_, &f64)| *sum += x);
 }
 
 impl Regions {
-    /// No sums yet of `n` regions.
+    /// Zero sums of `n` regions.
     fn zeros(n: usize) -> Regions {
         let zeros = || Square::zeros(n);
         Regions {
@@ -173,10 +173,10 @@ impl Regions {
         }
     }
 
-    /// Sums over the regions that `labels` name, of each piece that they lie in.
+    /// Sums over the regions given by `labels`, for each piece that they lie in.
     ///
     /// `moments` are the cells' own (S), `sums` those between superfaces; `width` selects the pair width among
-    /// [`super::convexity::WIDTHS`]. The surface counts as one without folds.
+    /// [`super::convexity::WIDTHS`]. The surface is assumed to have no folds.
     pub fn gather(
         cells: &CellGraph,
         moments: &[CellMoments],
@@ -209,7 +209,8 @@ impl Regions {
                 out.boundary_thickness.add_both(a, b, length * 0.5 * (thickness(i) + thickness(j)));
             }
         }
-        // Both halves of the three matrices sum the same numbers in the same order: one half of all three at a time.
+        // Both halves of the three matrices sum the same numbers in the same order, so only one half is computed, for
+        // all three at once.
         let mut halves: Vec<_> = out.iter().map(|regions| vec![[0.0; 3]; regions.len() * regions.len()]).collect();
         for s in sums {
             let [(piece, a), (_, b)] = [s.a, s.b].map(|s| pieces.place(of_superface[s as usize]));
@@ -241,7 +242,7 @@ impl Regions {
         self.moments.len()
     }
 
-    /// Whether there is no region.
+    /// Whether there are no regions.
     pub fn is_empty(&self) -> bool {
         self.moments.is_empty()
     }
@@ -251,12 +252,12 @@ impl Regions {
         self.moments[i].area
     }
 
-    /// Sums over the common boundary of `i` and `j`, or within `i` where they are the same.
+    /// Sums over the common boundary of `i` and `j`, or within `i` if they are equal.
     pub fn edge(&self, i: usize, j: usize) -> &EdgeSums {
         &self.edges[i * self.len() + j]
     }
 
-    /// Adds region `j` to region `i`; `j`'s own sums are then stale.
+    /// Merges region `j` into region `i`; the sums of `j` itself are then stale.
     pub fn merge(&mut self, i: usize, j: usize) {
         let n = self.len();
         self.perimeter[i] = (self.perimeter[i] + self.perimeter[j] - 2.0 * self.length[(i, j)]).max(0.0);

@@ -1,18 +1,18 @@
-//! One part divided further along the hierarchy.
+//! Divides one part further along the hierarchy.
 //!
-//! The hierarchy of the cells of the part is that of all cells, without the others: what is left of each union. Its cut
-//! into n parts is made as that of the whole surface. Cost: one pass over the unions.
+//! The hierarchy of a part's cells is that of all cells, restricted to the part. It is cut into n parts like that of
+//! the whole surface. Cost: one pass over the unions.
 
 use super::hierarchy::PartTree;
 use crate::base::Result;
 use crate::base::union_find::Forest;
 
 impl PartTree {
-    /// The hierarchy of `members` alone (ascending); cell k of the result is `members[k]`.
+    /// The hierarchy restricted to `members` (ascending); cell k of the result is `members[k]`.
     pub fn within(&self, members: &[u32]) -> PartTree {
         let mut place = vec![u32::MAX; self.cells()];
         members.iter().zip(0u32..).for_each(|(&cell, k)| place[cell as usize] = k);
-        // The least member in each set, by the least cell of the set.
+        // The least member in each set, indexed by the least cell of the set.
         let mut least = place.clone();
         let (mut unions, mut level) = (Vec::new(), Vec::new());
         let mut sets = Forest::new(self.cells());
@@ -42,7 +42,7 @@ impl PartTree {
         }
     }
 
-    /// The piece, 0 to `into` − 1, of each of `members` (ascending), cut into that many along the hierarchy.
+    /// The piece, 0 to `into` − 1, of each of `members` (ascending), when divided into that many along the hierarchy.
     ///
     /// # Errors
     /// No piece, or more pieces than members.
@@ -56,7 +56,7 @@ mod tests {
     use super::super::cell_graph::CellGraph;
     use super::super::hierarchy::{CellUnion, PartTree};
 
-    /// Eight cells in a row, joined in pairs, fours, and all.
+    /// Eight cells in a row, joined in pairs, then fours, then all.
     fn tree() -> PartTree {
         let pairs: Vec<[u32; 2]> = (1..8).map(|i| [i - 1, i]).collect();
         let cells = CellGraph { area: vec![1.; 8], length: vec![1.; 7], pairs, ..CellGraph::default() };
@@ -77,7 +77,7 @@ mod tests {
     #[test]
     fn so_is_any_other_set_of_cells() {
         let tree = tree();
-        // 3 and 4 meet last of all.
+        // 3 and 4 are joined last.
         assert_eq!(tree.split(&[2, 3, 4], 2).unwrap(), [0, 0, 1]);
         assert_eq!(tree.split(&[3], 1).unwrap(), [0]);
         tree.within(&[1, 2, 5, 7]).check().unwrap();

@@ -1,12 +1,12 @@
-//! How thick the body is behind each cell: the shape diameter, from the cells alone.
+//! The thickness of the body behind each cell: the shape diameter, computed from the cells alone.
 //!
-//! Rays go from a cell into the body, one along its normal and two rings around that, and end at the nearest disc (a
-//! cell, as large as its area) that faces away; the median of their lengths is the thickness (after Shapira, Shamir and
-//! Cohen-Or, *The Visual Computer* 2008, who cast rays at triangles). People part what differs in thickness at a
-//! boundary: a limb from a body, not a fish from its own tapering end.
+//! Rays are cast from a cell into the body, one along its normal and two rings around that, and end at the nearest disc
+//! (a cell, with the same area) that faces away; the median of their lengths is the thickness (after Shapira, Shamir
+//! and Cohen-Or, *The Visual Computer* 2008, who cast rays at triangles). People separate parts where the thickness
+//! changes at a boundary: a limb from a body, but not a fish from its own tapering end.
 //!
-//! Cells lie in an order in which neighbours follow each other, so that whole runs of them lie outside of a cone: S²/8
-//! balls are looked at, and those cells that lie in the rest. Cost: a few milliseconds, a few dozen bytes per cell.
+//! Cells are ordered so that neighbours follow each other, so whole runs of them lie outside a cone: S²/8 bounding
+//! balls are tested, and the cells in the remaining ones. Cost: a few milliseconds, a few dozen bytes per cell.
 
 use super::cell_graph::CellGraph;
 use crate::base::Result;
@@ -17,27 +17,27 @@ use libm::log as ln;
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-/// Rings of rays: how many, and the tangent of their angle with the normal.
+/// Rings of rays: their number, and the tangent of their angle with the normal.
 const RINGS: [(usize, f64); 3] = [(1, 0.0), (6, 0.4), (8, 0.85)];
-/// The tangent of the widest.
+/// The tangent of the widest ring.
 const REACH: f64 = RINGS[2].1;
-/// All rays of a cell, and one that hits nothing.
+/// All rays of a cell, and a dummy that hits nothing.
 const RAYS: usize = 16;
-/// Least thickness, in units of √(total area): half a cell.
+/// Minimum thickness, in units of √(total area): half a cell.
 const FLOOR: f64 = 0.01;
-/// Thickness where no ray of any cell hits anything.
+/// Thickness if no ray of any cell hits anything.
 const UNKNOWN: f64 = 0.1;
 /// Rounds of medians over a cell and its neighbours.
 const ROUNDS: usize = 2;
-/// Cells looked at together, in single precision, before those in the cone are.
+/// Cells tested together, in single precision, before the exact test of those in the cone.
 const LANES: usize = 8;
-/// What that may be wrong by.
+/// The error bound of that test.
 const SLACK: f32 = 1e-5;
 /// Cells per chunk of the parallel pass.
 const CHUNK: usize = 64;
 
-/// Natural logarithm of the thickness behind each cell, in units of √(total area) (S). Where a cell sees nothing behind
-/// it, as on an open sheet, the median of all stands in.
+/// Natural logarithm of the thickness behind each cell, in units of √(total area) (S). A cell with nothing behind it,
+/// as on an open sheet, gets the median of all.
 ///
 /// # Errors
 /// Cancellation.
@@ -62,7 +62,7 @@ pub fn log_thickness(cells: &CellGraph, run: &Run) -> Result<Vec<f64>> {
     Ok(out)
 }
 
-/// Where the rays meet the plane one unit of length behind a cell, axis by axis.
+/// Where the rays meet the plane at unit distance behind a cell, axis by axis.
 fn rays() -> [[f64; RAYS]; 2] {
     let all = RINGS.iter().flat_map(|&(count, tangent)| {
         (0..count).map(move |k| {
@@ -77,7 +77,7 @@ fn rays() -> [[f64; RAYS]; 2] {
     rays
 }
 
-/// The radii of the cells' discs (S), blocks and balls of them, and the rays.
+/// The radii of the cells' discs (S), their blocks and bounding balls, and the rays.
 struct Discs {
     radius: Vec<f64>,
     blocks: Vec<DiscBlock>,
@@ -96,7 +96,7 @@ impl Discs {
     }
 }
 
-/// Cells and their [`Discs`], at hand for the loops.
+/// Cells and their [`Discs`], as used by the loops.
 #[derive(Clone, Copy)]
 struct RayScene<'a> {
     cells: &'a CellGraph,
@@ -107,8 +107,8 @@ struct RayScene<'a> {
 }
 
 impl RayScene<'_> {
-    /// How many times `way` leads from `from` out of the body through the disc of `cell`, inclined as it is: where it
-    /// does, and more than `least` of `way` is along the disc's normal.
+    /// The multiple of `way` at which a ray from `from` leaves the body through the tilted disc of `cell`; `None` if it
+    /// does not, or if less than `least` of `way` is along the disc's normal.
     #[inline(always)]
     fn meets(self, cell: u32, from: [f64; 3], way: [f64; 3], least: f64) -> Option<f64> {
         let j = cell as usize;
@@ -139,7 +139,7 @@ impl SimdKernel for CastRays<'_> {
     }
 }
 
-/// Median length of the rays from cell `i` that hit anything.
+/// Median length of the rays from cell `i` that hit something.
 #[inline(always)]
 fn thickness_behind(scene: RayScene<'_>, i: usize) -> Option<f64> {
     let rays = scene.rays;
@@ -154,7 +154,7 @@ fn thickness_behind(scene: RayScene<'_>, i: usize) -> Option<f64> {
     median(&mut lengths[..count])
 }
 
-/// The cells that rays from each of `from` hit first, in the order of the rays: along the normal, then around it.
+/// The first cells hit by rays from each of `from`, in the order of the rays: along the normal, then around it.
 ///
 /// # Errors
 /// Cancellation.
@@ -170,8 +170,8 @@ pub(super) fn cells_behind(cells: &CellGraph, from: &[u32], run: &Run) -> Result
     Ok(chunks.concat())
 }
 
-/// The cell straight behind each cell, and how far apart their centres are: the first disc that the normal meets from
-/// within, of those that face away (S).
+/// The cell directly behind each cell, and the distance of their centres: the first disc that the inward normal ray
+/// meets among those that face away (S).
 ///
 /// # Errors
 /// Cancellation.
@@ -203,10 +203,11 @@ impl SimdKernel for LookStraight<'_> {
     }
 }
 
-/// Least cosine between a normal and that of what lies straight behind: the sides of an edge do not.
+/// Minimum cosine of the angle between the normals of opposite sides; the two sides of a sharp edge do not count as
+/// opposite.
 const OPPOSITE: f64 = 0.5;
 
-/// The disc that the normal meets first, where discs are inclined as they are, and how far away its centre is.
+/// The first tilted disc on the normal ray, and the distance of its centre.
 struct Nearest<'a> {
     scene: RayScene<'a>,
     from: usize,
@@ -226,13 +227,12 @@ impl SeeDisc for Nearest<'_> {
     }
 }
 
-/// What is done with a disc behind a cell. A trait, since closures are not inlined into what is
-/// compiled for wide vectors.
+/// Receives the discs behind a cell. A trait, since closures are not inlined into code compiled for wide vectors.
 trait SeeDisc {
     fn see(&mut self, disc: DiscBehind);
 }
 
-/// How deep the nearest disc lies on each ray.
+/// The depth of the nearest disc on each ray.
 struct Depths<'a> {
     rays: &'a [[f64; RAYS]; 2],
     depths: [f64; RAYS],
@@ -250,13 +250,12 @@ impl SeeDisc for Depths<'_> {
     }
 }
 
-/// Discs are this much larger than cells where rays are to hit what is really behind: discs as large leave gaps.
+/// Discs are enlarged by this factor when rays must hit what is really behind: at the original size there are gaps.
 const COVER: f64 = 1.1;
-/// A ray that meets a disc at less than this sine passes by.
+/// A ray that meets a disc at a smaller sine passes by.
 const GRAZING: f64 = 1e-3;
 
-/// Whose disc each ray meets first, where discs are inclined as they are. For a thickness it is enough
-/// to take them for facing.
+/// The first tilted disc on each ray. For a thickness, treating discs as facing the ray is accurate enough.
 struct FirstHits<'a> {
     scene: RayScene<'a>,
     from: [f64; 3],
@@ -286,18 +285,18 @@ impl SeeDisc for FirstHits<'_> {
     }
 }
 
-/// A disc behind a cell as its rays meet it.
+/// A disc behind a cell, as seen by its rays.
 struct DiscBehind {
     /// Its cell.
     cell: u32,
-    /// How deep its centre lies.
+    /// The depth of its centre.
     depth: f64,
-    /// Its centre and its radius where that depth is 1.
+    /// Its centre and radius scaled to a depth of 1.
     centre: [f64; 2],
     radius: f64,
 }
 
-/// Shows the discs behind cell `i` that face away, in the cone that is `reach` wide where it is 1 deep.
+/// Visits the discs behind cell `i` that face away, within the cone of width `reach` at depth 1.
 #[inline(always)]
 fn discs_behind(scene: RayScene<'_>, i: usize, reach: f64, to: &mut impl SeeDisc) {
     let RayScene { cells, radius, blocks, balls, .. } = scene;
@@ -325,15 +324,15 @@ fn discs_behind(scene: RayScene<'_>, i: usize, reach: f64, to: &mut impl SeeDisc
     }
 }
 
-/// Balls around the centres of blocks, several at once; no number after the last block.
+/// Bounding balls of blocks, several at once; NaN after the last block.
 struct BallBlock {
     x: [[f32; LANES]; 3],
     radius: [f32; LANES],
-    /// The radius, and that of the largest cell besides.
+    /// The radius, and that plus the radius of the largest disc.
     radius_and_disc: [f32; LANES],
 }
 
-/// Balls around the blocks of `cells`.
+/// Bounding balls of the blocks of `cells`.
 fn balls(cells: &CellGraph, radius: &[f64]) -> Vec<BallBlock> {
     let ball = |(at, inside): (usize, &[[f64; 3]])| {
         let x: [f64; 3] = std::array::from_fn(|c| inside.iter().map(|x| x[c]).sum::<f64>() / inside.len() as f64);
@@ -346,7 +345,7 @@ fn balls(cells: &CellGraph, radius: &[f64]) -> Vec<BallBlock> {
     all.chunks(LANES).map(several).collect()
 }
 
-/// Up to [`LANES`] balls: centres, radii, radii with the largest disc.
+/// Up to [`LANES`] balls: centres, radii, radii plus the largest disc.
 fn several(balls: &[([f64; 3], f64, f64)]) -> BallBlock {
     let mut out =
         BallBlock { x: [[f32::NAN; LANES]; 3], radius: [f32::NAN; LANES], radius_and_disc: [f32::NAN; LANES] };
@@ -358,7 +357,7 @@ fn several(balls: &[([f64; 3], f64, f64)]) -> BallBlock {
 }
 
 impl BallBlock {
-    /// Which of the balls reach into `cone`, or nearly.
+    /// Which of the balls may reach into `cone`.
     #[inline(always)]
     fn near(&self, cone: RayCone) -> [bool; LANES] {
         let mut out = [false; LANES];
@@ -369,7 +368,7 @@ impl BallBlock {
     }
 }
 
-/// Cells as arithmetic over several at once wants them: x, n, radius; no number after the last cell.
+/// Several cells in vector layout: x, n, radius; NaN after the last cell.
 struct DiscBlock {
     x: [[f32; LANES]; 3],
     n: [[f32; LANES]; 3],
@@ -387,7 +386,7 @@ fn blocks(cells: &CellGraph, radius: &[f64]) -> Vec<DiscBlock> {
 }
 
 impl DiscBlock {
-    /// Which of the cells lie in or near `cone` and face away, or nearly: most do not.
+    /// Which of the cells may lie in `cone` and face away: most do not.
     #[inline(always)]
     fn seen(&self, cone: RayCone) -> [bool; LANES] {
         let mut out = [false; LANES];
@@ -400,7 +399,7 @@ impl DiscBlock {
     }
 }
 
-/// The cone of the rays behind `x` with normal `n`, in single precision: what does not meet it is left out.
+/// The cone of the rays behind `x` with normal `n`, in single precision: a conservative filter.
 #[derive(Clone, Copy)]
 struct RayCone {
     x: [f32; 3],
@@ -420,8 +419,8 @@ impl RayCone {
         [points[0][k] - self.x[0], points[1][k] - self.x[1], points[2][k] - self.x[2]]
     }
 
-    /// Whether what lies `d` away, reaching `deeper` into the cone and `radius_and_disc` beyond its
-    /// side, meets it or nearly.
+    /// Whether something at offset `d`, extending `deeper` into the cone and `radius_and_disc` beyond its side, may
+    /// meet it.
     #[inline(always)]
     fn meets(self, d: [f32; 3], deeper: f32, radius_and_disc: f32) -> bool {
         let (n, reach) = (self.n, self.reach);
@@ -437,13 +436,13 @@ fn square(d: [f32; 3]) -> f32 {
     d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
 
-/// What single precision may be wrong by, `d` away.
+/// The error bound of single precision at offset `d`.
 #[inline(always)]
 fn slack(d: [f32; 3]) -> f32 {
     SLACK * (1.0 + square(d))
 }
 
-/// Two unit vectors across `n`.
+/// Two unit vectors perpendicular to `n` and to each other.
 pub(super) fn tangents(n: [f64; 3]) -> [[f64; 3]; 2] {
     let other = if n[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let along = dot(other, n);

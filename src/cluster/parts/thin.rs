@@ -1,16 +1,16 @@
-//! Ways through the body where it is thin.
+//! Shortcuts through the body where it is thin.
 //!
-//! Along the surface, front and back of a thin plate are far apart: its rim turns by π, which is worth .8 √(total area)
-//! under the default weights, more than an arm of it is long. So each side was a cluster of its own, and chance decided
-//! whether both became one part. Here a way from a landmark may cross the body once, straight, where it is thin. The
-//! idea is that of the volumetric part of Liu, Zhang, Shamir and Cohen-Or, *A part-aware surface metric for shape
+//! Along the surface, front and back of a thin plate are far apart: its rim turns by π, which costs .8 √(total area)
+//! under the default weights, more than the length of an arm. So each side was a cluster of its own, and it was random
+//! whether both became one part. Here a path from a landmark may cross the body once, straight, where it is thin. The
+//! idea comes from the volumetric part of Liu, Zhang, Shamir and Cohen-Or, *A part-aware surface metric for shape
 //! analysis* (Computer Graphics Forum 2009), which compares what two faces see inside.
 //!
-//! Over-segmentations of the default decision are drawn with these distances; regions are compared, and merged, as
-//! they lie on the surface. Cells of a layer that is decided alone are in units of its own area, and its rows in
-//! those of the whole: there a way is longer by the root of the ratio.
+//! Over-segmentations of the default decision are drawn with these distances; regions are compared and merged with
+//! those along the surface. If a layer is decided alone, its cells are in units of its own area but its rows in those
+//! of the whole: a shortcut is then longer by the square root of that ratio.
 //!
-//! Cost: a ray per cell, a millisecond or two, and two steps per landmark and cell.
+//! Cost: a ray per cell, a millisecond or two, and two operations per landmark and shortcut.
 
 use super::cell_graph::CellGraph;
 use super::thickness::straight_behind;
@@ -18,11 +18,11 @@ use crate::base::Result;
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
 
-/// Least thickness that no way leads through, in units of √(total area). On 190 models, and 16 shapes under six seeds:
-/// with .05 parts depend more on the seed, and beyond .15 they agree less with people.
+/// Minimum thickness without shortcuts, in units of √(total area). On 190 models, and 16 shapes under six seeds: with
+/// .05 parts depend more on the seed, and beyond .15 they agree less with people.
 const THIN: f64 = 0.12;
 
-/// The distances `rows` of landmarks from cells where one may also go straight through thin places of the body, once.
+/// The distances `rows` of landmarks from cells if paths may also cross thin places of the body, once and straight.
 ///
 /// # Errors
 /// Cancellation.
@@ -46,8 +46,8 @@ pub fn through_thin_places(cells: &CellGraph, mut rows: LandmarkDistances, run: 
 mod tests {
     use super::*;
 
-    /// Front and back of a plate `thick`, ten cells each in a row, and their distances from the first cell of the
-    /// front, where the way around is `around` long.
+    /// Front and back of a plate of thickness `thick`, ten cells each in a row, and their distances from the first cell
+    /// of the front, with a path of length `around` over the rim.
     fn plate(thick: f64, around: f64) -> (CellGraph, LandmarkDistances) {
         let along = |i: usize| 0.1 * (i % 10) as f64;
         let g = CellGraph {
@@ -80,7 +80,7 @@ mod tests {
     #[test]
     fn the_sides_of_an_edge_and_open_sheets_are_no_thin_places() {
         let (mut g, rows) = plate(0.05, 0.8);
-        // The back leans, as beside the edge of a knife: at 70 degrees it is no back.
+        // The back is tilted, as near the edge of a knife: at 70 degrees it does not count as opposite.
         g.normal[10..].fill([0.94, 0., -0.342]);
         assert_eq!(through_thin_places(&g, rows.clone(), &Run::new(&())).unwrap().values, rows.values);
         g.normal[10..].fill([0., 0., 1.]);

@@ -1,18 +1,18 @@
 //! What a surface encloses: walls of cavities, and bodies within.
 //!
-//! An isosurface of a volume shows the inside as well: the inner side of a shell, a brain within a skull, marrow within
-//! a bone. Measured as one surface, a shell has no thick and thin places, and half of its area is inside. So the cells
-//! that are seen from outside ([`super::exposure`]) are decided on alone. A hidden cell is the wall of a cavity if
-//! random walks through what is solid, from ray to ray, soon lead to such a cell; it follows the one right behind it,
-//! so a hollow leg is one part with its inside, and a bone one with its marrow. Otherwise it is of a body within. A
-//! minimum cut of the hidden cells tells the two apart, so single cells do not decide. Bodies within are a layer of
-//! their own, which is looked at in the same way, and so on.
+//! An isosurface of a volume also shows the inside: the inner side of a shell, a brain within a skull, marrow within a
+//! bone. Measured as one surface, a shell has no thick and thin places, and half of its area is inside. So the cells
+//! visible from outside ([`super::exposure`]) are decided on alone. A hidden cell is the wall of a cavity if random
+//! walks through the solid, from ray to ray, soon reach a visible cell; it then follows the visible cell right behind
+//! it, so a hollow leg is one part including its inside, and a bone one part including its marrow. Otherwise it belongs
+//! to a body within. A minimum cut of the hidden cells separates the two kinds, so single cells do not decide. Bodies
+//! within are a layer of their own, to which the same procedure is applied, and so on.
 //!
-//! Folds hide much of a surface too, but by and by. A cavity is dark up to its holes, so a surface encloses something
-//! only where nearly all that is hidden is dark. Cups and vases are open to the light.
+//! Folds hide much of a surface too, but gradually. A cavity is dark right up to its openings, so a surface encloses
+//! something only if nearly all of its hidden area is dark. Cups and vases are open to the light.
 //!
-//! Cost: exposure by few directions, and by many where much is dim; where something is enclosed also rays behind the
-//! hidden cells, and one more pass for each layer.
+//! Cost: exposure from few directions, and from many if much is dim; if something is enclosed, also rays behind the
+//! hidden cells, and one more pass per layer.
 
 use super::exposure::{Directions, exposure};
 use crate::base::Result;
@@ -23,45 +23,45 @@ use crate::cluster::parts::thickness::cells_behind;
 use crate::store::run::Run;
 use serde::{Deserialize, Serialize};
 
-/// Cells of less exposure are dark, those below the second are hidden.
+/// Cells with less exposure than the first are dark, those below the second are hidden.
 const DARK: f64 = 0.05;
 const HIDDEN: f64 = 0.4;
-/// Something is enclosed if this share of the area is dark, and as much is not hidden,
+/// Something is enclosed if at least this share of the area is dark, and at least as much is not hidden,
 const MUCH: f64 = 0.1;
-/// and what is hidden has at most this much more area than what is dark. Bodies with an inside have 1.01 to 1.07,
-/// cortices and brains 1.27 and 1.41, the one vase of the benchmark that is dark within 1.23.
+/// and if the hidden area is at most this many times the dark area. Bodies with an inside have 1.01 to 1.07, cortices
+/// and brains 1.27 and 1.41, the one vase of the benchmark that is dark within 1.23.
 const CRISP: f64 = 1.15;
-/// A walk goes on after each step with this probability; from .8 to .95 the same bodies are found.
+/// Probability that a walk continues after each step; from .8 to .95 the same bodies are found.
 const GOES_ON: f64 = 0.9;
-/// Steps that are looked at; few walks are longer.
+/// Number of steps computed; few walks are longer.
 const STEPS: usize = 100;
-/// The area that a boundary between walls and bodies is worth, over its length times the side of a mean cell.
+/// Cost of a boundary between walls and bodies, as an area: this factor times its length times the side of a mean cell.
 const BOUNDARY: f64 = 1.0;
-/// Whole numbers that an area of 1 is, for cuts.
+/// The integer that represents an area of 1 in the minimum cut.
 const UNITS: f64 = (1u64 << 40) as f64;
-/// Bodies within are pieces from this share of the whole area on; what is smaller follows what is near.
+/// Minimum share of the total area for a piece to be a body within; smaller ones follow nearby cells.
 const BODY: f64 = 0.02;
 
 /// Which cells are decided on together, and which follow others.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::cluster::parts) struct Layers {
-    /// The cells of each layer, ascending: seen from outside, then seen with that removed, ….
+    /// The cells of each layer, ascending: visible from outside, then visible after removing those, ….
     pub layers: Vec<Vec<u32>>,
-    /// The cell of a layer that each cell follows (S): itself in a layer.
+    /// The cell of a layer that each cell follows (S): itself if it is in a layer.
     pub follows: Vec<u32>,
 }
 
 /// How much of a surface is inside, as shares of its area.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Enclosed {
-    /// Walls of cavities, which have the labels of what they are the inner side of.
+    /// Walls of cavities, which get the labels of the surface behind them.
     pub walls: f64,
     /// Bodies within, which are cut on their own.
     pub bodies: f64,
 }
 
 impl Layers {
-    /// The layers of a surface; `None` where it encloses nothing.
+    /// The layers of a surface; `None` if it encloses nothing.
     ///
     /// # Errors
     /// Cancellation.
@@ -94,7 +94,7 @@ impl Layers {
         self.follows.iter().zip(0..).map(|(&to, cell)| to != cell).collect()
     }
 
-    /// How much is inside; `shares` are the cells' of the area (S).
+    /// The shares that are inside; `shares` are the cells' shares of the area (S).
     pub fn enclosed(&self, shares: &[f64]) -> Enclosed {
         let walls = self.walls().iter().zip(shares).filter(|(wall, _)| **wall).fold(0., |sum, (_, share)| sum + share);
         let bodies = self.layers.iter().skip(1).flatten().fold(0., |sum, &cell| sum + shares[cell as usize]);
@@ -102,19 +102,19 @@ impl Layers {
     }
 }
 
-/// The one of `others` whose centre is nearest to that of `cell`; `cell` where there are none.
+/// The cell of `others` whose centre is nearest to that of `cell`; `cell` if there are none.
 fn nearest(cells: &CellGraph, cell: u32, others: &[u32]) -> u32 {
     let far = |i: u32| distance(cells.centre[i as usize], cells.centre[cell as usize]);
     others.iter().copied().min_by(|&a, &b| far(a).total_cmp(&far(b))).unwrap_or(cell)
 }
 
-/// The inside of a surface of which something is enclosed.
+/// The inside of a surface that encloses something.
 struct Inside {
-    /// Whether each cell is seen from outside (S).
+    /// Whether each cell is visible from outside (S).
     is_seen: Vec<bool>,
     /// Whether each cell is the wall of a cavity (S).
     is_wall: Vec<bool>,
-    /// A seen cell behind each hidden one, where there is any (S).
+    /// A visible cell behind each hidden one, if there is any (S).
     behind: Vec<Option<u32>>,
 }
 
@@ -129,7 +129,7 @@ impl Inside {
         }
         let exposure = exposure(cells, Directions::Many, run)?;
         let [dark, hidden] = [DARK, HIDDEN].map(|than| darker(&exposure, than));
-        // Where next to nothing is seen, a room was scanned from within.
+        // If next to nothing is visible, it is a room scanned from within.
         if dark < MUCH || hidden > CRISP * dark || 1. - hidden < MUCH {
             return Ok(None);
         }
@@ -148,8 +148,8 @@ impl Inside {
         Ok(Some(Self { is_seen, is_wall, behind }))
     }
 
-    /// Whether each of `cells` is of a body within: of a piece of hidden cells that are no walls,
-    /// from `least` of the area on.
+    /// Whether each of `cells` belongs to a body within: a connected piece of hidden cells that are not walls, with at
+    /// least `least` of the area.
     fn bodies(&self, cells: &CellGraph, least: f64) -> Vec<bool> {
         let within: Vec<u32> =
             self.is_seen.iter().zip(&self.is_wall).map(|(seen, wall)| u32::from(!seen && !wall)).collect();
@@ -159,8 +159,8 @@ impl Inside {
     }
 }
 
-/// The share of walks from each of the cells `hidden` that lead to one which `is_seen`; a step is to any of `hits`.
-/// Half where there are none.
+/// For each of the `hidden` cells, the share of walks that reach a cell that `is_seen`; a step goes to any of `hits`. ½
+/// if there are none.
 fn led_outside(hidden: &[u32], hits: &[Vec<u32>], is_seen: &[bool]) -> Vec<f64> {
     let mut share: Vec<f64> = is_seen.iter().map(|&seen| f64::from(u8::from(seen))).collect();
     let mean = |share: &[f64], hits: &Vec<u32>| {
@@ -174,8 +174,8 @@ fn led_outside(hidden: &[u32], hits: &[Vec<u32>], is_seen: &[bool]) -> Vec<f64> 
     hidden.iter().map(|&cell| share[cell as usize]).collect()
 }
 
-/// Whether each of the cells `hidden` is a wall: the labelling that contradicts the least area, of which `walls` tells
-/// the shares that speak for a wall, with short boundaries.
+/// Whether each of the `hidden` cells is a wall: the labelling that minimises the contradicted area plus the cost of
+/// boundaries; `walls` is the share of each cell's area that votes for a wall.
 fn cut(cells: &CellGraph, hidden: &[u32], walls: &[f64], run: &Run) -> Result<Vec<bool>> {
     let total = cells.total_area();
     let units = |area: f64| (area / total * UNITS) as i64;
@@ -210,7 +210,7 @@ mod tests {
 
     fn layers(all: &[(f64, usize, bool)]) -> Option<Layers> {
         let mut cells = balls(all);
-        // Neighbours along the spiral; nothing joins two balls.
+        // Adjacent along the spiral; no edge joins two balls.
         let mut first = 0;
         for &(_, n, _) in all {
             cells.pairs.extend((first + 1..first + n as u32).map(|i| [i - 1, i]));

@@ -1,12 +1,12 @@
-//! How far each cell is seen from outside: its ambient exposure, from the cells alone.
+//! How exposed each cell is to the outside: ambient exposure, computed from the cells alone.
 //!
-//! The cells are drawn as discs from 98 directions, or from 26, and a cell is seen where no disc lies more than its own
-//! radius in front of its centre. What no direction sees lies inside of the surface. Small holes do not let light in,
-//! since discs are a little larger than cells. Directions are those of small whole numbers, so no angle's sine has to
-//! be the same on every processor.
+//! The cells are drawn as discs from 98 directions, or from 26, and a cell is visible if no disc lies more than its own
+//! radius in front of its centre. Cells that no direction sees lie inside the surface. Small holes do not let light in,
+//! since discs are slightly larger than cells. Directions have small integer components, so no trigonometric function
+//! has to give the same result on every processor.
 //!
 //! Cost: 13 points of each disc along each of 13 or 49 axes, 1.6 or 6 ms of processor time for 2,000 cells; a picture
-//! of two depths for each thread.
+//! of two depths per thread.
 
 use crate::base::Result;
 use crate::base::vector::{dot, unit};
@@ -14,22 +14,22 @@ use crate::cluster::parts::cell_graph::CellGraph;
 use crate::cluster::parts::thickness::tangents;
 use crate::store::run::Run;
 
-/// Directions are whole numbers up to these, without a common divisor: 26 of them, or 98.
+/// Directions have integer components up to these, without a common divisor: 26 of them, or 98.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Directions {
     Few = 1,
     Many = 2,
 }
 
-/// Side of a pixel over the radius of a cell of mean area.
+/// Side of a pixel, relative to the radius of a cell of mean area.
 const PIXEL: f64 = 0.8;
-/// Most pixels of a picture, 4 MB: some seven times the root of the area across. What is longer hides
-/// next to nothing of itself.
+/// Maximum number of pixels of a picture, 4 MB: some seven times the square root of the area across. A longer surface
+/// hides next to nothing of itself.
 const PIXELS: usize = 1 << 19;
-/// Radius of a disc over that of the cell.
+/// Radius of a disc, relative to that of the cell.
 const COVER: f64 = 1.1;
-/// Points of a disc besides its centre, over the radius of the cell: two rings of six. Discs are larger than cells, so
-/// no light falls between them.
+/// Points of a disc besides its centre, relative to the radius of the cell: two rings of six. Discs are larger than
+/// cells, so that no light falls between them.
 const POINTS: [[f64; 2]; 12] = {
     const NEAR: f64 = 0.63;
     const FAR: f64 = COVER;
@@ -51,8 +51,8 @@ const POINTS: [[f64; 2]; 12] = {
     ]
 };
 
-/// The share of directions in front of each cell, by the cosine of their angle, from which it is seen (S): 1 on a
-/// convex body, 0 inside. All 1 where the surface is too long for a picture.
+/// The share of directions in front of each cell, weighted by the cosine of their angle, from which it is visible (S):
+/// 1 on a convex body, 0 inside. All 1 if the surface is too long for a picture.
 ///
 /// # Errors
 /// Cancellation.
@@ -73,7 +73,7 @@ pub(super) fn exposure(cells: &CellGraph, directions: Directions, run: &Run) -> 
     Ok(seen.iter().zip(&facing).map(|(seen, facing)| if *facing > 0. { seen / facing } else { 1. }).collect())
 }
 
-/// A cell as a disc: its centre, and points on it.
+/// A cell as a disc: its centre, and sample points.
 struct Disc {
     points: [[f64; 3]; 1 + POINTS.len()],
     normal: [f64; 3],
@@ -95,7 +95,7 @@ impl Disc {
     }
 }
 
-/// One direction of each opposite two.
+/// One direction of each opposite pair.
 fn axes(directions: Directions) -> Vec<[f64; 3]> {
     let most = directions as i32;
     let numbers = || -most..=most;
@@ -105,7 +105,7 @@ fn axes(directions: Directions) -> Vec<[f64; 3]> {
     all.filter(|v| first(v) && !even(v)).map(|v| unit(v.map(f64::from))).collect()
 }
 
-/// Whether each of `discs` is seen along `axis`, from the end that it faces. `depths` is room for a picture.
+/// Whether each of `discs` is visible along `axis`, from the end that it faces. `depths` is a buffer for a picture.
 fn seen_along(discs: &[Disc], axis: [f64; 3], depths: &mut Vec<[f32; 2]>) -> Vec<bool> {
     let square = discs.iter().map(|disc| disc.radius * disc.radius).sum::<f64>() / discs.len().max(1) as f64;
     let per_pixel = 1. / (PIXEL * square.sqrt());
@@ -124,7 +124,7 @@ fn seen_along(discs: &[Disc], axis: [f64; 3], depths: &mut Vec<[f32; 2]>) -> Vec
     }
     let width = width as usize;
     let last = width * (height as usize) - 1;
-    // Of no use where coordinates are so large that places cannot be told apart, but in bounds.
+    // Meaningless if coordinates are so large that positions cannot be distinguished, but within bounds.
     let at = |x: [f64; 3]| ((dot(x, up) - low[1]) as usize * width + (dot(x, right) - low[0]) as usize).min(last);
     depths.clear();
     depths.resize(last + 1, [f32::INFINITY, f32::NEG_INFINITY]);
@@ -151,8 +151,8 @@ pub(super) mod tests {
     use super::*;
     use std::f64::consts::PI;
 
-    /// Cells of equal area on balls about the origin: radius, number of cells, whether normals point
-    /// inwards. Areas sum to 1.
+    /// Cells of equal area on balls around the origin: radius, number of cells, whether normals point inwards. Areas
+    /// sum to 1.
     pub(in crate::cluster::parts) fn balls(all: &[(f64, usize, bool)]) -> CellGraph {
         let mut cells = CellGraph::default();
         for &(radius, n, inwards) in all {

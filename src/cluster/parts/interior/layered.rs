@@ -1,7 +1,7 @@
-//! The co-association of a surface, and that of one which encloses something: layer by layer.
+//! The co-association of a surface; if it encloses something, layer by layer.
 //!
-//! Each layer of [`super::enclosed`] has an ensemble of its own, in units of its own area, from the landmarks that lie
-//! on it. What follows a cell is of its superface. Two layers never belong together.
+//! Each layer of [`super::enclosed`] has its own ensemble, in units of its own area, from the landmarks on it. A cell
+//! that follows another is in the same superface. Two layers never belong together.
 //!
 //! Cost: an ensemble for each layer, over the cells of that layer.
 
@@ -14,10 +14,10 @@ use crate::cluster::parts::merges::MergeModel;
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
 
-/// A layer with fewer landmarks of its own takes all.
+/// A layer with fewer landmarks of its own uses all.
 const FEWEST: usize = 30;
 
-/// Superfaces and how far any two belong together.
+/// Superfaces and the probability that any two belong together.
 pub(in crate::cluster::parts) struct CoAssociation {
     /// The superfaces.
     pub superfaces: Superfaces,
@@ -27,7 +27,7 @@ pub(in crate::cluster::parts) struct CoAssociation {
     pub c: Square,
 }
 
-/// The superfaces of `cells` and how far any two belong together, from an ensemble of `count`.
+/// The superfaces of `cells` and the probability that any two belong together, from an ensemble of `count`.
 ///
 /// # Errors
 /// Cancellation.
@@ -42,7 +42,7 @@ pub(in crate::cluster::parts) fn co_association(
     Ok(CoAssociation { superfaces: measured.superfaces, log_thickness: measured.log_thickness, c })
 }
 
-/// The same, decided on each of `layers` alone.
+/// The same, decided on each of `layers` separately.
 ///
 /// # Errors
 /// Cancellation.

@@ -1,7 +1,7 @@
-//! What a surface has inside: walls of cavities and bodies within, and decisions layer by layer.
+//! The inside of a surface: walls of cavities and bodies within, and decisions layer by layer.
 //!
-//! [`exposure`] says how much of the outside each cell sees, [`enclosed`] divides the cells into layers by it, and
-//! [`layered`] decides on each layer alone.
+//! [`exposure`] measures how much of the outside each cell sees, [`enclosed`] divides the cells into layers
+//! accordingly, and [`layered`] decides on each layer separately.
 
 pub mod enclosed;
 mod exposure;

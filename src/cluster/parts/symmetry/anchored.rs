@@ -1,10 +1,10 @@
-//! Maps of a surface onto itself that begin with tips of limbs.
+//! Maps of a surface onto itself, starting from tips of limbs.
 //!
-//! Cells are mapped as their distances from anchors say, cells whose images are known. Anchors begin with [`tips`],
-//! matched in the few likeliest ways, and one more place: distances from tips alone do not tell front from back, so
-//! each likely image of it begins a map of its own. Then more and more samples become anchors, with the images that fit
-//! the anchors so far. At last each image is found again from all the others. Cost: .04 to .08 s of processor time and
-//! some megabytes for 2,000 cells.
+//! A cell is mapped by its distances from anchors, cells whose images are known. Anchors start with [`tips`], matched
+//! in the few likeliest ways, and one more sample: distances from tips alone do not distinguish front from back, so
+//! each likely image of that sample starts a map of its own. Then more and more samples become anchors, with the images
+//! that fit the anchors so far. Finally each image is recomputed from all the others. Cost: .04 to .08 s of processor
+//! time and some megabytes for 2,000 cells.
 
 use super::anchors::Anchors;
 use super::cell_map::{CellMap, SAMPLES, Surface};
@@ -14,25 +14,25 @@ use crate::base::Result;
 use crate::base::sort::sort_by;
 use crate::store::run::Run;
 
-/// Samples that become anchors, step by step; those nearer than this length to an anchor, in units of
-/// √(total area), are left out.
+/// Number of samples considered as anchors in each step; those nearer than this length to an anchor, in units of
+/// √(total area), are skipped.
 const GROWTH: [(usize, f32); 3] = [(12, 0.1), (28, 0.06), (SAMPLES, 0.04)];
-/// Tips at the most: all matchings of them are searched.
+/// Maximum number of tips: all their matchings are searched.
 const TIPS: usize = 10;
-/// Matchings of tips that are tried.
+/// Number of matchings that are tried.
 const MATCHINGS: usize = 4;
 /// Likely images of the first sample: how many, how far apart, and how much less likely than the likeliest.
 const PLACES: (usize, f64, f32) = (3, 0.08, 0.04);
-/// Of the maps of the first samples: how many go on, how far apart they are in the mean, and how
-/// much worse than the best.
+/// Which maps of the first samples are continued: how many, their minimum mean distance from each other, and the
+/// maximum error relative to the best.
 const GO_ON: (usize, f32, f64) = (2, 0.06, 1.6);
-/// Rounds in which images are found again.
+/// Rounds in which images are recomputed.
 const ROUNDS: usize = 4;
-/// Nearest anchors that tell the image of an anchor, and of a cell.
+/// Number of nearest anchors that determine the image of an anchor, and of a cell.
 const NEAREST: [usize; 2] = [24, 12];
-/// Anchors nearer than this count alike.
+/// Anchors nearer than this have equal weight.
 const NEAR: f32 = 0.05;
-/// What the mean distance from all of the surface counts, against 1/d of an anchor at d.
+/// Weight of the mean distance from the whole surface, compared with 1/d for an anchor at d.
 const MEAN: f32 = 4.0;
 
 /// The likeliest maps of a surface, at most two.
@@ -74,7 +74,7 @@ pub fn maps(surface: &Surface<'_>, run: &Run) -> Result<Vec<CellMap>> {
     )
 }
 
-/// The best of `maps` that differ from each other.
+/// The best of `maps`, of which no two are nearly equal.
 fn distinct(maps: Vec<Anchors>) -> Vec<Anchors> {
     let mut maps: Vec<(f64, Anchors)> = maps.into_iter().map(|anchors| (anchors.error(), anchors)).collect();
     sort_by(&mut maps, |a, b| a.0.total_cmp(&b.0));
@@ -89,7 +89,7 @@ fn distinct(maps: Vec<Anchors>) -> Vec<Anchors> {
     kept
 }
 
-/// The beginning of a map: matched tips, a sample and its likely image.
+/// The start of a map: matched tips, a sample and its likely image.
 struct Begun {
     anchors: Anchors,
     /// Number of the sample.
@@ -98,7 +98,7 @@ struct Begun {
 }
 
 impl Surface<'_> {
-    /// Maps to begin with.
+    /// The initial maps.
     fn begun(&self) -> Vec<Begun> {
         let tips = tips(self, TIPS);
         let rows = self.paths.rows(&tips);
@@ -119,7 +119,7 @@ impl Surface<'_> {
         begun
     }
 
-    /// Where `sample` may go.
+    /// The likely images of `sample`.
     fn places(&self, sample: u32, anchors: &Anchors) -> Vec<u32> {
         let unlike = self.unlike(sample, anchors, None);
         let is_least = |&i: &u32| self.paths.steps(i).all(|(j, _)| unlike[j as usize] >= unlike[i as usize]);
@@ -138,7 +138,7 @@ impl Surface<'_> {
         places
     }
 
-    /// How unlike `cell` is each cell's place among the images of anchors (S), in units of length.
+    /// The misfit of each cell as the image of `cell`, given the images of anchors (S), in units of length.
     fn unlike(&self, cell: u32, anchors: &Anchors, except: Option<usize>) -> Vec<f32> {
         let own = self.mean[cell as usize];
         let mut sum: Vec<f32> = self.mean.iter().map(|mean| MEAN * (mean - own).abs()).collect();
@@ -159,7 +159,7 @@ impl Surface<'_> {
         (0..unlike.len()).fold(0, |a, b| if unlike[b] < unlike[a] { b } else { a }) as u32
     }
 
-    /// Makes anchors of the first samples that are farther than `least` from all.
+    /// Turns the first samples that are farther than `least` from all anchors into anchors.
     fn grow(&self, anchors: &mut Anchors, (count, least): (usize, f32)) {
         let more: Vec<usize> = (0..count).filter(|&k| anchors.distance(self.samples.cell[k]) > least).collect();
         let images: Vec<u32> = more.iter().map(|&k| self.likeliest(self.samples.cell[k], anchors, None)).collect();
@@ -168,7 +168,7 @@ impl Surface<'_> {
         }
     }
 
-    /// Each second image again, from all other anchors. Most stay where they were, with their rows.
+    /// Recomputes every second image from all other anchors. Most stay where they were and keep their rows.
     fn again(&self, anchors: &Anchors) -> Anchors {
         let firsts: Vec<usize> = (0..anchors.cell.len()).filter(|&k| k <= anchors.image[k]).collect();
         let images: Vec<u32> = firsts.iter().map(|&k| self.likeliest(anchors.cell[k], anchors, Some(k))).collect();
@@ -189,8 +189,8 @@ impl Surface<'_> {
         out
     }
 
-    /// How badly `y` is as far from the images of the `nearest` anchors of `x` as `x` is from these, by weight;
-    /// beyond `limit` not to the end.
+    /// The weighted mismatch between the distances of `y` from the images of the `nearest` anchors of `x` and those of
+    /// `x` from these anchors; the sum stops early beyond `limit`.
     #[inline(always)]
     fn misfit(&self, [x, y]: [usize; 2], nearest: &[(f32, usize)], anchors: &Anchors, limit: f32) -> f32 {
         let mut sum = MEAN * (self.mean[x] - self.mean[y]).abs();
@@ -209,7 +209,7 @@ impl Surface<'_> {
         f64::from(misfit / total) / self.radius
     }
 
-    /// The map of all cells that anchors make.
+    /// The map of all cells that the anchors determine.
     fn map(&self, anchors: &Anchors) -> CellMap {
         let n = self.paths.len();
         let (mut image, mut unlike): (Vec<u32>, Vec<f64>) = ((0..n as u32).collect(), vec![f64::INFINITY; n]);
@@ -229,7 +229,7 @@ impl Surface<'_> {
                     (least, best) = (sum, y);
                 }
             };
-            // Images of neighbours are a good guess, so that others are soon too far.
+            // Images of neighbours are good initial guesses, so that others soon exceed the limit.
             self.paths.steps(x as u32).for_each(|(j, _)| look(image[j as usize] as usize));
             (0..n).for_each(&mut look);
             image[x] = best as u32;
@@ -238,8 +238,8 @@ impl Surface<'_> {
         self.measured(image, unlike)
     }
 
-    /// A smooth map whose images may be one step off: each takes the likeliest place there, by
-    /// the images of the samples.
+    /// Refines a smooth map whose images may be one step off: each is replaced by the likeliest nearby cell, given the
+    /// images of the samples.
     pub fn polished(&self, mut image: Vec<u32>) -> CellMap {
         let images: Vec<u32> = self.samples.cell.iter().map(|&sample| image[sample as usize]).collect();
         let mut anchors = Anchors::default();

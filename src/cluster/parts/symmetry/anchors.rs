@@ -1,7 +1,7 @@
 //! Anchors of a map of the surface onto itself: cells whose images are known, with their distances to all cells.
 //!
-//! The nearest anchors say where another cell goes: its image is as far from their images as the cell is from
-//! them. The image of an anchor is an anchor too, so maps go both ways. Cost: rows are shared between maps,
+//! The nearest anchors determine where another cell goes: its image is as far from their images as the cell is from
+//! them. The image of an anchor is an anchor too, so maps work in both directions. Cost: rows are shared between maps,
 //! 8 kB each for 2,000 cells.
 
 use super::cell_paths::{Row, UNREACHED};
@@ -11,14 +11,14 @@ use super::cell_paths::{Row, UNREACHED};
 pub struct Anchors {
     /// The cell of each anchor.
     pub cell: Vec<u32>,
-    /// Its distances from all cells.
+    /// Its distances to all cells.
     pub row: Vec<Row>,
     /// The number of the anchor that is its image.
     pub image: Vec<usize>,
 }
 
 impl Anchors {
-    /// Two cells that are images of each other, or one that is its own.
+    /// Adds two cells that are images of each other, or one that is its own.
     pub fn add(&mut self, [a, b]: [u32; 2], [from_a, from_b]: [&Row; 2]) {
         let at = self.cell.len();
         self.cell.push(a);
@@ -32,12 +32,12 @@ impl Anchors {
         self.image.extend([at + 1, at]);
     }
 
-    /// How far the nearest anchor is.
+    /// The distance to the nearest anchor.
     pub fn distance(&self, cell: u32) -> f32 {
         self.row.iter().map(|row| row[cell as usize]).fold(UNREACHED, f32::min)
     }
 
-    /// The distances and numbers of the anchors nearest to a cell, but for anchor `except` and its image.
+    /// The distances and numbers of the anchors nearest to a cell, except anchor `except` and its image.
     pub fn nearest(&self, cell: u32, count: usize, except: Option<usize>) -> Vec<(f32, usize)> {
         let others =
             (0..self.cell.len()).filter(|&k| except.is_none_or(|except| k != except && self.image[k] != except));
@@ -51,7 +51,7 @@ impl Anchors {
         all
     }
 
-    /// Mean difference of the distances between anchors and between their images.
+    /// Mean difference between the distances of anchors and the distances of their images.
     pub fn error(&self) -> f64 {
         let all = 0..self.cell.len();
         let d = |a: usize, b: usize| self.row[a][self.cell[b] as usize];
@@ -61,7 +61,8 @@ impl Anchors {
         differences.sum::<f64>() / (self.cell.len().max(1) as f64).powi(2)
     }
 
-    /// How far images of anchors of this map are from where `other` takes them: its nearest anchors with them.
+    /// Mean distance between the images of this map's anchors and the positions that `other` predicts from its nearest
+    /// anchors.
     pub fn apart(&self, other: &Anchors) -> f32 {
         let far = |(k, &cell): (usize, &u32)| {
             let (d, nearest) = other.nearest(cell, 1, None).first().copied().unwrap_or((UNREACHED, 0));

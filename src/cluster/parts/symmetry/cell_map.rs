@@ -1,41 +1,41 @@
-//! Maps of a surface onto itself, and what tells a reflection among them.
+//! Maps of a surface onto itself, and the criteria for a reflection.
 //!
-//! A map counts if it keeps distances, comes back to where it began, moves most of the surface, maps convex onto
-//! convex, a smooth map also thick onto thick, and turns the surface over: front for back, or a turn by half, keeps
-//! the sense in which neighbours lie around a cell. What was measured: `docs/dev/segmentation-experiments.md`. Cost: 1
-//! or 2 ms for 2,000 cells.
+//! A map counts as a reflection if it preserves distances, is its own inverse, moves most of the surface, maps convex
+//! to convex and, for a smooth map, thick to thick, and reverses orientation: a swap of front and back, or a half turn,
+//! preserves the order of neighbours around a cell. For measurements see `docs/dev/segmentation-experiments.md`. Cost:
+//! 1 or 2 ms for 2,000 cells.
 
 use super::cell_paths::{CellPaths, Row, UNREACHED};
 use crate::base::vector::{cross, distance, dot, minus};
 use crate::cluster::parts::cell_graph::CellGraph;
 use std::f64::consts::PI;
 
-/// Fewer cells have no shape to speak of.
+/// With fewer cells, the shape is too coarse.
 const LEAST_CELLS: usize = 200;
-/// Share of the area that must be in one piece.
+/// Minimum share of the area that must be in one piece.
 const WHOLE: f64 = 0.97;
-/// Samples, farthest from each other.
+/// Number of samples, chosen as farthest points.
 pub const SAMPLES: usize = 64;
-/// Mean difference of distances up to which a map keeps them, in cell radii.
+/// Maximum mean difference of distances for a map to preserve them, in cell radii.
 const CLOSE: f64 = 1.25;
-/// Mean way from a cell to the image of its image, in cell radii.
+/// Maximum mean distance from a cell to the image of its image, in cell radii.
 const BACK: f64 = 1.25;
-/// Cells that go farther than this many radii are moved, and so much of the area must be.
+/// Cells that are mapped farther than this many radii count as moved, and the share of the area that must be.
 const MOVED: (f64, f64) = (4.0, 0.6);
-/// −1 where all turns are turned over, 1 where none is.
+/// Maximum orientation: −1 if it is reversed everywhere, 1 if nowhere.
 const TURNED: f64 = -0.7;
-/// Correlation of the convexity of cells and of their images, at least.
+/// Minimum correlation between the convexity of cells and of their images.
 const SHAPE: f64 = 0.4;
-/// Mean difference of distances up to which a smooth map keeps them. Maps of armadillos, at 1.3 to 1.6, are right as a
-/// whole, but in doubt on the limbs, so they change little.
+/// Maximum mean difference of distances for a smooth map. Maps of armadillos, at 1.3 to 1.6, are right overall but
+/// doubtful on the limbs, so they change little.
 const SMOOTH: f64 = 1.15;
-/// Share of the area that smooth maps must move farther than so far, in units of √(total area):
-/// front for back moves less.
+/// Smooth maps must move this share of the area (second) farther than this (first), in units of √(total area): swapping
+/// front and back moves less.
 const FAR: (f64, f64) = (0.15, 0.42);
-/// Mean difference of the thickness of cells and of their images at the most, in units of its mean deviation.
+/// Maximum mean difference in thickness between cells and their images, in units of its mean deviation.
 const THICKNESS: f64 = 0.3;
 
-/// What maps are found on.
+/// The surface on which maps are sought.
 pub struct Surface<'a> {
     /// Its cells.
     pub cells: &'a CellGraph,
@@ -43,11 +43,11 @@ pub struct Surface<'a> {
     pub shares: &'a [f64],
     /// Logarithm of the thickness behind each cell (S).
     log_thickness: &'a [f64],
-    /// Of a disk of the mean cell's area.
+    /// Radius of a disc of the mean cell's area.
     pub radius: f64,
-    /// Steps between cells.
+    /// Paths between cells.
     pub paths: CellPaths,
-    /// Cells that are far from each other.
+    /// Cells far from each other.
     pub samples: FarthestSamples,
     /// Rows of the samples.
     pub rows: Vec<Row>,
@@ -57,7 +57,7 @@ pub struct Surface<'a> {
     pub reached: Vec<bool>,
 }
 
-/// Samples of a surface, each as far as can be from those before it.
+/// Farthest-point samples of a surface.
 #[derive(Clone)]
 pub struct FarthestSamples {
     /// The cell of each sample.
@@ -69,7 +69,7 @@ pub struct FarthestSamples {
 }
 
 impl FarthestSamples {
-    /// One sample.
+    /// Starts with one sample.
     fn beginning(first: u32, paths: &CellPaths) -> Self {
         let (owner, near) = (vec![0; paths.len()], vec![UNREACHED; paths.len()]);
         let mut samples = Self { cell: Vec::new(), owner, near };
@@ -77,7 +77,7 @@ impl FarthestSamples {
         samples
     }
 
-    /// More samples among these cells, up to `count` in all.
+    /// Adds samples among these cells, up to `count` in all.
     pub fn extend(&mut self, count: usize, among: impl Iterator<Item = u32> + Clone, paths: &CellPaths) {
         while let Some(&last) = self.cell.last().filter(|_| self.cell.len() < count) {
             let farther = |a: u32, b: u32| if self.near[b as usize] > self.near[a as usize] { b } else { a };
@@ -97,14 +97,14 @@ impl FarthestSamples {
 pub struct CellMap {
     /// The image of each cell (S).
     pub image: Vec<u32>,
-    /// Mean difference of the distances of each cell and of its image, in cell radii (S).
+    /// Mean difference between the distances of each cell and those of its image, in cell radii (S).
     pub unlike: Vec<f64>,
-    /// Way from each cell to the image of its image, in cell radii (S).
+    /// Distance from each cell to the image of its image, in cell radii (S).
     pub back: Vec<f64>,
 }
 
 impl<'a> Surface<'a> {
-    /// `None` where cells are few or in pieces.
+    /// `None` if there are too few cells or the surface is in pieces.
     pub fn new(cells: &'a CellGraph, shares: &'a [f64], log_thickness: &'a [f64]) -> Option<Self> {
         let n = cells.len();
         if n < LEAST_CELLS {
@@ -134,33 +134,33 @@ impl<'a> Surface<'a> {
         Some(Self { cells, shares, log_thickness, radius, paths, samples, rows, mean, reached })
     }
 
-    /// How far apart two cells are.
+    /// The distance between two cells.
     pub fn apart(&self, a: u32, b: u32) -> f64 {
         distance(self.cells.centre[a as usize], self.cells.centre[b as usize])
     }
 
-    /// A map and how unlike cells and their images are, with the way back.
+    /// A map with the differences between cells and images, and the distances to the images of images.
     pub fn measured(&self, image: Vec<u32>, unlike: Vec<f64>) -> CellMap {
         let back = |x: u32| self.apart(x, image[image[x as usize] as usize]) / self.radius;
         CellMap { back: (0..image.len() as u32).map(back).collect(), image, unlike }
     }
 
-    /// Mean over the area of something in cell radii, of which more than ten count as ten.
+    /// Area-weighted mean of values in cell radii, each capped at ten.
     fn mean_of(&self, values: &[f64]) -> f64 {
         values.iter().zip(self.shares).map(|(value, share)| share * value.min(10.0)).sum()
     }
 
-    /// Mean of how unlike cells and their images are.
+    /// Mean difference between cells and their images.
     pub fn mean_unlike(&self, map: &CellMap) -> f64 {
         self.mean_of(&map.unlike)
     }
 
-    /// Whether a map is a reflection, beyond doubt.
+    /// Whether a map is a reflection beyond doubt.
     pub fn is_reflection(&self, map: &CellMap) -> bool {
         self.turns_over(map) && self.mean_unlike(map) <= CLOSE && self.shape(map) >= SHAPE
     }
 
-    /// The same for a smooth map: its images are not the likeliest cells one by one, so distances must be kept better.
+    /// The same for a smooth map: its images are not optimised one by one, so distances must be preserved better.
     pub fn is_smooth_reflection(&self, map: &CellMap) -> bool {
         self.moves_far(&map.image)
             && self.turns_over(map)
@@ -169,7 +169,7 @@ impl<'a> Surface<'a> {
             && self.unlike_thickness(&map.image) <= THICKNESS
     }
 
-    /// Whether a map moves the surface, turns it over and comes back.
+    /// Whether a map moves the surface, reverses orientation and is its own inverse.
     fn turns_over(&self, map: &CellMap) -> bool {
         self.moved(&map.image, MOVED.0 * self.radius) >= MOVED.1
             && self.mean_of(&map.back) <= BACK
@@ -181,13 +181,14 @@ impl<'a> Surface<'a> {
         (0..image.len()).filter(|&x| self.apart(x as u32, image[x]) > far).map(|x| self.shares[x]).sum()
     }
 
-    /// Whether a map moves what lies far from the middle: front for back does not.
+    /// Whether a map moves regions far from the middle: swapping front and back does not.
     pub fn moves_far(&self, image: &[u32]) -> bool {
         self.moved(image, FAR.0) >= FAR.1
     }
 
-    /// Mean difference of the logarithm of the thickness of cells and of their images, in units of its mean deviation:
-    /// a head is mapped front to back by distances and by convexity as well, but is thicker there.
+    /// Mean difference between the logarithms of the thickness of cells and of their images, in units of its mean
+    /// deviation. Distances and convexity may also allow a head to be mapped front to back, but the two differ in
+    /// thickness.
     fn unlike_thickness(&self, image: &[u32]) -> f64 {
         let thickness = self.log_thickness;
         let mean_of =
@@ -197,8 +198,8 @@ impl<'a> Surface<'a> {
         mean_of(&|x| (thickness[x] - thickness[image[x] as usize]).abs()) / spread.max(1e-9)
     }
 
-    /// The correlation of the convexity around cells and around their images: a plain on which nothing tells left from
-    /// right is mapped onto itself as well, mountains onto valleys.
+    /// The correlation between the convexity around cells and around their images: a terrain without distinct features
+    /// is also mapped onto itself, but with mountains on valleys.
     fn shape(&self, map: &CellMap) -> f64 {
         let (cells, n) = (self.cells, self.paths.len());
         let mut around = vec![[0.0; 2]; n];
@@ -226,7 +227,7 @@ impl<'a> Surface<'a> {
         if aa * bb > 1e-24 { ab / (aa * bb).sqrt() } else { 1.0 }
     }
 
-    /// Whether a map keeps the sense in which cells lie around each other: 1, or turns it over: −1.
+    /// Whether a map preserves the order of cells around each other: 1, or reverses it: −1.
     pub fn turning(&self, image: &[u32]) -> f64 {
         let spin = |[x, u, v]: [u32; 3]| {
             let [at, u, v] = [x, u, v].map(|cell| self.cells.centre[cell as usize]);

@@ -1,9 +1,9 @@
-//! Distances along the surface between cells, whatever its pose.
+//! Distances along the surface between cells, independent of the pose.
 //!
-//! Steps go to the neighbours of a cell and to theirs, as long as the chord, so that paths hardly zigzag. Turning does
-//! not count: it changes with the pose. Sixteen sources are swept together, forth and back in the order of the
-//! distance from an end of the surface, until nothing changes: about ten sweeps, the later ones over few cells, in
-//! less than 1 ms for 2,000 cells.
+//! Edges lead to the neighbours of a cell and to their neighbours, with the length of the chord, so that paths hardly
+//! zigzag. Turning does not count: it changes with the pose. Sixteen sources are swept together, back and forth in the
+//! order of the distance from an end of the surface, until nothing changes: about ten sweeps, the later ones over few
+//! cells, in less than 1 ms for 2,000 cells.
 
 use crate::base::dijkstra::shortest_paths;
 use crate::base::simd::{SimdKernel, dispatch};
@@ -11,28 +11,28 @@ use crate::base::vector::distance;
 use crate::cluster::parts::cell_graph::CellGraph;
 use std::sync::Arc;
 
-/// Sources that are swept together.
+/// Number of sources swept together.
 const LANES: usize = 16;
-/// Sweeps at the most; what is not settled by then is too far.
+/// Maximum number of sweeps; cells not settled by then count as too far.
 const SWEEPS: usize = 100;
-/// Distance of what cannot be reached.
+/// Distance of unreachable cells.
 pub const UNREACHED: f32 = 1e9;
 
 /// A row of distances from one cell to all others (S), in units of √(total area).
 pub type Row = Arc<Vec<f32>>;
 
-/// Steps between cells.
+/// The graph of paths between cells.
 #[derive(Clone, Debug)]
 pub struct CellPaths {
     starts: Vec<u32>,
     ends: Vec<u32>,
     length: Vec<f32>,
-    /// Cells in the order of sweeps (S).
+    /// Cells in sweep order (S).
     order: Vec<u32>,
 }
 
 impl CellPaths {
-    /// Steps of `cells`.
+    /// The paths between `cells`.
     pub fn new(cells: &CellGraph) -> Self {
         let n = cells.len();
         let beside = cells.neighbours();
@@ -54,25 +54,25 @@ impl CellPaths {
         self.starts.len() - 1
     }
 
-    /// Whether there is none.
+    /// Whether there are no cells.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Sweeps go in this order of all cells from now on.
+    /// Sets the sweep order of all cells.
     pub fn sweep_in(&mut self, order: Vec<u32>) {
         self.order = order;
     }
 
-    /// The cells one step from `i`, and how long it is.
+    /// The cells one edge from `i`, with the lengths of the edges.
     #[inline(always)]
     pub fn steps(&self, i: u32) -> impl Iterator<Item = (u32, f32)> {
         let range = self.starts[i as usize] as usize..self.starts[i as usize + 1] as usize;
         self.ends[range.clone()].iter().copied().zip(self.length[range].iter().copied())
     }
 
-    /// Lowers `field` (S) to the distances from `source` where those are less, and below `limit`; returns the cells
-    /// that were settled, the nearest first.
+    /// Lowers `field` (S) to the distances from `source` where those are smaller and below `limit`; returns the settled
+    /// cells, nearest first.
     pub fn lower(&self, source: u32, limit: f32, field: &mut [f32]) -> Vec<u32> {
         let mut settled = Vec::new();
         shortest_paths(&[source], |i| self.steps(i), limit, field, |i| settled.push(i));
@@ -100,7 +100,7 @@ impl SimdKernel for Sweeps<'_> {
         let n = paths.len();
         let mut field = vec![[UNREACHED; LANES]; n];
         sources.iter().enumerate().for_each(|(k, &source)| field[source as usize][k] = 0.0);
-        // Cells with a neighbour that changed since they were looked at: few after the first sweeps.
+        // Cells with a neighbour that changed since they were processed: few after the first sweeps.
         let mut stale = vec![true; n];
         for sweep in 0..SWEEPS {
             let mut changed = false;
@@ -145,7 +145,7 @@ mod tests {
         let centre: Vec<[f64; 3]> = (0..n).map(|_| [0; 3].map(|_| unit(&mut random))).collect();
         let cells = CellGraph { area: vec![1.0; n], centre, pairs, ..CellGraph::default() };
         let mut paths = CellPaths::new(&cells);
-        // Floyd's, on all steps of one or two edges.
+        // Floyd–Warshall, on all edges and pairs of edges.
         let mut far = vec![vec![UNREACHED; n]; n];
         let beside = |i: u32, j: u32| cells.pairs.contains(&[i, j]) || cells.pairs.contains(&[j, i]);
         for i in 0..n as u32 {

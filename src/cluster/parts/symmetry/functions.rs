@@ -1,10 +1,10 @@
-//! Smooth functions on the cells, and maps of the surface onto itself as matrices between them.
+//! Smooth functions on the cells, and maps of the surface onto itself as matrices in that basis.
 //!
-//! The functions are eigenfunctions of the Laplacian among combinations of Gaussians around samples: few numbers per
-//! cell that do not change with the pose. A map becomes a matrix C with φ(image of x) ≈ Cᵀ φ(x), and cells are mapped
-//! where C takes their functions. Matrix and map are fitted to each other in turn, with more and more functions
-//! (ZoomOut: Melzi and others, 2019), so maps begin coarse and end smooth. Cost: some 10 ms for 2,000 cells and 128
-//! samples, and as much for each map.
+//! The functions are eigenfunctions of the Laplacian within the span of Gaussians around samples: a few numbers per
+//! cell that do not change with the pose. A map becomes a matrix C with φ(image of x) ≈ Cᵀ φ(x), and a cell is mapped
+//! to the cell with the nearest transformed functions. Matrix and map are fitted alternately, with more and more
+//! functions (ZoomOut: Melzi et al., 2019), so maps start coarse and end smooth. Cost: some 10 ms for 2,000 cells and
+//! 128 samples, and as much for each map.
 
 use super::cell_paths::{CellPaths, Row};
 use crate::base::vector::{distance, square_apart};
@@ -13,24 +13,24 @@ use crate::spectral::exp::exp64;
 use crate::spectral::laplacian::generalised;
 use nalgebra::DMatrix;
 
-/// Functions at the most.
+/// Maximum number of functions.
 const COUNT: usize = 48;
-/// Numbers that are added side by side.
+/// Numbers summed in parallel lanes.
 const LANES: usize = 8;
 /// A Gaussian is 0 beyond this many widths.
 const REACH: f32 = 3.0;
-/// Steps towards the orthogonal matrix.
+/// Iterations towards the orthogonal matrix.
 const STEPS: usize = 8;
 
-/// The first functions of a surface, the smoothest first.
+/// The first functions of a surface, smoothest first.
 pub struct Functions {
     /// n × COUNT.
     value: Vec<f32>,
-    /// Of the area (S).
+    /// Area shares (S).
     shares: Vec<f32>,
 }
 
-/// C, k × k, symmetric: the image of an image is where it began.
+/// C, k × k, symmetric, since the map is its own inverse.
 #[derive(Clone)]
 pub struct FunctionMap {
     k: usize,
@@ -38,7 +38,7 @@ pub struct FunctionMap {
 }
 
 impl Functions {
-    /// The functions of cells with these shares of the area (S); `rows` are those of samples.
+    /// The functions of cells with these shares of the area (S); `rows` are those of the samples.
     pub fn new(cells: &CellGraph, shares: &[f64], rows: &[Row]) -> Self {
         let (n, m) = (cells.len(), rows.len());
         let width = 1.0 / (m as f32).sqrt();
@@ -60,7 +60,7 @@ impl Functions {
         let [mut energy, mut mass] = [0; 2].map(|_| vec![0.0; m * m]);
         for i in 0..n {
             let (own, flow) = (&local[i * m..][..m], &flow[i * m..][..m]);
-            // Most samples are far.
+            // Most samples are too far away.
             for k in (0..m).filter(|&k| own[k] > 0.0) {
                 let share = own[k] * shares[i];
                 energy[k * m..][..m].iter_mut().zip(flow).for_each(|(sum, flow)| *sum += own[k] * flow);
@@ -81,7 +81,7 @@ impl Functions {
         Self { value, shares: shares.iter().map(|&share| share as f32).collect() }
     }
 
-    /// The first k at a cell.
+    /// The first k functions at a cell.
     fn at(&self, cell: u32, k: usize) -> &[f32] {
         &self.value[cell as usize * COUNT..][..k]
     }
@@ -91,7 +91,7 @@ impl Functions {
         self.of_pairs((0..).zip(image).zip(&self.shares).map(|((x, &y), &share)| (x, y, share)), k)
     }
 
-    /// The same for cells, their images, and what these weigh.
+    /// The same for triples of cell, image and weight.
     pub fn of_pairs(&self, pairs: impl Iterator<Item = (u32, u32, f32)>, k: usize) -> FunctionMap {
         let mut value = vec![0.0; k * k];
         for (x, y, weight) in pairs {
@@ -104,7 +104,7 @@ impl Functions {
         FunctionMap { k, value }.made_symmetric()
     }
 
-    /// Where C takes the functions of a cell.
+    /// The functions of a cell transformed by C.
     pub fn image(&self, cell: u32, c: &FunctionMap) -> Vec<f32> {
         let mut out = vec![0.0; c.k];
         for (row, here) in c.value.chunks_exact(c.k).zip(self.at(cell, c.k)) {
@@ -113,14 +113,14 @@ impl Functions {
         out
     }
 
-    /// The cell of `among` whose functions are nearest to `image`, as its number there.
+    /// The index in `among` of the cell whose functions are nearest to `image`.
     pub fn nearest(&self, image: &[f32], among: &[u32]) -> usize {
         let far = among.iter().map(|&cell| square_apart::<LANES>(image, self.at(cell, image.len())));
         let least = |a: (usize, f32), b: (usize, f32)| if b.1 < a.1 { b } else { a };
         far.enumerate().fold((0, f32::INFINITY), least).0
     }
 
-    /// Each cell's image under C: downhill from the image it has and those of its neighbours.
+    /// Each cell's image under C, by descent from its current image and those of its neighbours.
     pub fn mapped(&self, c: &FunctionMap, image: &mut [u32], paths: &CellPaths) {
         for x in 0..image.len() as u32 {
             let there = self.image(x, c);
@@ -144,7 +144,7 @@ impl Functions {
         }
     }
 
-    /// The map refined from `k` functions on to all, by matrices that are made orthogonal or are not.
+    /// Refines the map from `k` functions to all, with matrices made orthogonal or not.
     pub fn refine(&self, image: &mut [u32], mut k: usize, orthogonal: bool, paths: &CellPaths) {
         while k < COUNT {
             k = more(k).min(COUNT);
@@ -155,7 +155,7 @@ impl Functions {
 }
 
 impl FunctionMap {
-    /// Functions keep their sign, or change it where the bit of `signs` is set; the first is constant.
+    /// Functions keep their sign, or change it if the bit of `signs` is set; the first is constant.
     pub fn of_signs(signs: u32, k: usize) -> Self {
         let mut value = vec![0.0; k * k];
         (0..k).for_each(|i| value[i * k + i] = if (2 * signs) >> i & 1 == 1 { -1.0 } else { 1.0 });
@@ -173,10 +173,10 @@ impl FunctionMap {
         self
     }
 
-    /// The symmetric orthogonal matrix nearest to this, nearly: C ← (3 C − C³) / 2.
+    /// Approximately the nearest symmetric orthogonal matrix: C ← (3 C − C³) / 2.
     pub fn made_orthogonal(mut self) -> Self {
         let k = self.k;
-        // It converges below √3.
+        // It converges for norms below √3.
         let norm = self.value.chunks_exact(k).map(|row| row.iter().map(|x| x.abs()).sum::<f32>()).fold(1.7, f32::max);
         self.value.iter_mut().for_each(|x| *x *= 1.7 / norm);
         for _ in 0..STEPS {
@@ -250,7 +250,7 @@ mod tests {
     fn a_coarse_map_is_refined() {
         let (cells, paths, functions, mirrored) = sheet();
         for orthogonal in [false, true] {
-            // One sign turns all of the sheet over.
+            // One sign reverses the whole sheet.
             let mut image: Vec<u32> = (0..cells.len() as u32).collect();
             functions.mapped(&FunctionMap::of_signs(1, 2), &mut image, &paths);
             image.iter_mut().zip(&mirrored).filter(|(_, m)| *m % 3 > 0).for_each(|(image, m)| *image = *m);

@@ -1,13 +1,13 @@
-//! Limbs that are alike, so that all of them are cut alike: eight arms of an octopus, two legs in different poses.
+//! Similar limbs, which are then cut alike: eight arms of an octopus, two legs in different poses.
 //!
-//! A mirror plane or a reflection pairs the whole surface, and often there is neither. A limb alone needs less: its
-//! area within each distance from its tip tells it, whatever the pose. A limb ends where that area is least for its
-//! distance squared: a tube's falls behind the square, that of the trunk catches up. Limbs with like areas are mapped
-//! onto each other by the area between their tips and a place. That says how far along a limb a place is, and not on
-//! which side of it, which is enough for cuts across. Pairs with a cell that is on no limb are left as they are.
+//! A mirror plane or a reflection pairs the whole surface, but often there is neither. A single limb needs less: it is
+//! characterised by its area within each distance from its tip, whatever the pose. A limb ends where that area over the
+//! squared distance is least: on a tube the ratio falls, on the trunk it rises again. Limbs with similar areas are
+//! mapped onto each other by the area between their tips and a cell. This gives the position along a limb, but not
+//! around it, which is enough for cuts across. Pairs with a cell that is on no limb are left as they are.
 //!
-//! What was measured: `docs/dev/segmentation-experiments.md`. Cost: 5 ms for 2,000 cells, with the surface that
-//! reflections share.
+//! For measurements see `docs/dev/segmentation-experiments.md`. Cost: 5 ms for 2,000 cells, given the surface that
+//! reflections use too.
 
 use super::cell_map::Surface;
 use super::cell_paths::{Row, UNREACHED};
@@ -15,31 +15,31 @@ use super::mirror_images::MirrorImages;
 use super::tips::tips;
 use crate::base::sort::sort_by;
 
-/// Tips at the most.
+/// Maximum number of tips.
 const TIPS: usize = 16;
-/// Distances from a tip are told apart by this length, in units of √(total area).
+/// Resolution of distances from a tip, in units of √(total area).
 const STEP: f32 = 0.03;
-/// Steps of the shortest limb.
+/// Minimum length of a limb in steps.
 const SHORTEST: usize = 5;
-/// Steps of the longest limb, some 500 √(total area). A wire or a strip without a width may be longer, and then counts
-/// as that long: what is held for a limb must not grow with its length.
+/// Maximum length of a limb in steps, some 500 √(total area). A wire or a strip without a width may be longer and is
+/// then truncated: memory for a limb must not grow with its length.
 const LONGEST: usize = 1 << 14;
-/// A limb has ended where its area over distance squared is so many times the least.
+/// A limb has ended where its area over squared distance is this many times the minimum.
 const RISE: f64 = 1.05;
-/// Area over distance squared of a limb at the most. A right angle of a plate has π/4, a flat place π.
+/// Maximum area over squared distance of a limb. The corner of a plate has π/4, a flat place π.
 const SLENDER: f64 = 0.76;
-/// Areas of like limbs within a distance differ by this share of their whole at the most.
+/// Maximum difference of the areas of similar limbs within a distance, as a share of their total.
 const SLACK: f64 = 0.2;
-/// The longer of two like limbs is so many times as long as the other at the most.
+/// Maximum ratio of the lengths of similar limbs.
 const LENGTHS: f64 = 1.6;
 
 /// A part of the surface around a tip.
 struct Limb {
     /// Distances of all cells from the tip (S).
     row: Row,
-    /// Area within 1, 2, … steps from the tip, shares of the total.
+    /// Area within 1, 2, … steps from the tip, as shares of the total.
     within: Vec<f64>,
-    /// Steps from the tip to its end.
+    /// Number of steps from the tip to its end.
     steps: usize,
 }
 
@@ -67,8 +67,8 @@ impl Limb {
         Self { row, within, steps }
     }
 
-    /// The greatest difference of two limbs' areas within a distance, as a share of the shorter one's; infinite where
-    /// one is much longer.
+    /// The greatest difference of two limbs' areas within a distance, as a share of the shorter one's; infinite if one
+    /// is much longer.
     fn unlike(&self, other: &Limb) -> f64 {
         let (a, b) = (&self.within, &other.within);
         let steps = self.steps.min(other.steps);
@@ -79,7 +79,7 @@ impl Limb {
         most / a[steps - 1].max(b[steps - 1])
     }
 
-    /// The cells nearer than `end` to the tip, and the area of those before each and of half of it.
+    /// The cells nearer than `end` to the tip, each with the area of those before it plus half of its own.
     fn cells(&self, end: f32, shares: &[f64]) -> Vec<(u32, f64)> {
         let mut cells: Vec<u32> = (0..self.row.len() as u32).filter(|&i| self.row[i as usize] < end).collect();
         sort_by(&mut cells, |&a, &b| self.row[a as usize].total_cmp(&self.row[b as usize]).then(a.cmp(&b)));
@@ -92,8 +92,8 @@ impl Limb {
     }
 }
 
-/// For each group of like limbs, the maps that take every limb to another, so that each comes to each of the others:
-/// one map fewer than limbs. Cells that are on none are their own image, of weight 0.
+/// For each group of similar limbs, the maps that take every limb to another one, such that each is taken to each of
+/// the others: one map fewer than limbs. Cells on no limb are their own image, with weight 0.
 pub fn limb_maps(surface: &Surface<'_>) -> Vec<Vec<MirrorImages>> {
     let tips = tips(surface, TIPS);
     let rows = surface.paths.rows(&tips);
@@ -102,7 +102,7 @@ pub fn limb_maps(surface: &Surface<'_>) -> Vec<Vec<MirrorImages>> {
     groups.filter_map(|group| maps(&group, &limbs, &tips, surface.shares)).collect()
 }
 
-/// Groups of limbs of which any two are alike; the likest are joined first.
+/// Groups of limbs in which any two are similar; the most similar are joined first.
 fn alike(limbs: &[Limb]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = (0..limbs.len()).map(|k| vec![k]).collect();
     let unlike: Vec<Vec<f64>> = limbs.iter().map(|a| limbs.iter().map(|b| a.unlike(b)).collect()).collect();
@@ -123,9 +123,9 @@ fn alike(limbs: &[Limb]) -> Vec<Vec<usize>> {
     }
 }
 
-/// The maps of a `group` of `limbs` with these `tips`; `None` where they are no limbs.
+/// The maps of a `group` of `limbs` with these `tips`; `None` if they are not slender enough to be limbs.
 fn maps(group: &[usize], limbs: &[Limb], tips: &[u32], shares: &[f64]) -> Option<Vec<MirrorImages>> {
-    // They do not overlap, either.
+    // Limbs are also cut off where they would overlap.
     let others = |i: usize| group.iter().filter(move |&&j| j != i).map(move |&j| 0.5 * limbs[i].row[tips[j] as usize]);
     let end = group.iter().flat_map(|&i| others(i).chain([limbs[i].steps as f32 * STEP])).fold(UNREACHED, f32::min);
     let members: Vec<Vec<(u32, f64)>> = group.iter().map(|&k| limbs[k].cells(end, shares)).collect();
@@ -176,7 +176,7 @@ mod tests {
                 };
                 groups.iter().flatten().map(there).fold(0.0, f64::max)
             };
-            // Legs are half as long again, and as thick: they are like arms as far as arms go.
+            // Legs are half as long again, and as thick: they match arms over the length of an arm.
             for (from, to, least) in [(LEFT_ARM, RIGHT_ARM, 0.9), (LEFT_ARM, LEFT_LEG, 0.9), (LEFT_LEG, RIGHT_LEG, 0.6)]
             {
                 assert!(share(from, to) > least, "{}", share(from, to));

@@ -1,40 +1,41 @@
-//! Images of cells, and a co-association that is the same on both sides of a mirror plane, and on limbs that are alike.
+//! Mirror images of cells, and a co-association that is equal on both sides of a mirror plane, and on similar limbs.
 //!
-//! C is averaged with that of the images, so that whatever is decided on one side is decided on the other.
-//! Cells come in pairs where there is a plane ([`crate::cluster::mirror`]), so images of superfaces are exact
-//! but for the triangles. Cost: some milliseconds for the planes; R² and the pairs of superfaces that images
-//! lie in, times R, for each.
+//! C is averaged with that of the images, so that both sides are decided alike. If there is a plane, cells come in
+//! pairs ([`crate::cluster::mirror`]), so images of superfaces are exact up to the triangulation. Cost: some
+//! milliseconds for the planes; for each of them R², plus R times the number of pairs of superfaces and images that
+//! overlap.
 
 use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
 use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact, intersect};
 use crate::cluster::parts::matrix::Square;
 use crate::spectral::exp::exp64;
 
-/// Where the best plane has less [`MirrorImages::likeness`], the surface may be posed.
+/// If the best plane has less [`MirrorImages::likeness`], the surface may be posed.
 pub const LIKE: f64 = 0.9;
-/// A superface is cut where both pieces have this share of it: less is what images are off by.
+/// A superface is cut if both pieces have at least this share of it: less is within the inaccuracy of images.
 const CUT: f64 = 0.3;
-/// Cell radii between an image and the cell nearest to it at which its weight has fallen to e⁻¹.
+/// Distance between an image and its nearest cell, in cell radii, at which the weight has fallen to e⁻¹.
 const REACH: f64 = 2.0;
 
-/// The image of each cell under one plane, under a [`super::reflection`], or on another of some [`super::limbs`].
+/// The image of each cell under one plane, under a [`super::reflection`], or on another of several [`super::limbs`].
 #[derive(Clone, Debug)]
 pub struct MirrorImages {
     /// The cell nearest to each cell's mirror image (S).
     pub image: Vec<u32>,
-    /// How far it is the image: 1 for a pair in the same place, e⁻¹ two radii apart, nearly 0 from three on (S).
+    /// How well it matches: 1 for a pair at the same position, e⁻¹ two radii apart, nearly 0 from three on (S).
     pub weight: Vec<f64>,
 }
 
 impl MirrorImages {
-    /// How far the surface is its own image: the mean weight by area, of which `shares` are the cells' (S).
+    /// How symmetric the surface is: the mean weight by area; `shares` are the cells' areas (S).
     pub fn likeness(&self, shares: &[f64]) -> f64 {
         self.weight.iter().zip(shares).map(|(weight, share)| weight * share).sum()
     }
 
-    /// Superfaces cut where the images of parts end, so that both sides can be cut alike: `of_cell` is the superface of
-    /// each cell (S), `part` its part (S). Returns the new ones, and how many. Majorities among neighbours decide,
-    /// since images are a cell or two off, and small pieces stay with the largest of their superface.
+    /// Cuts superfaces at the images of part boundaries, so that both sides can be cut alike. `of_cell` is the
+    /// superface of each cell (S), `part` its part (S). Returns the new superfaces, and their number. Since images are
+    /// off by a cell or two, majorities among neighbours decide, and small pieces stay with the largest of their
+    /// superface.
     pub fn cut_at_images(&self, cells: &CellGraph, shares: &[f64], of_cell: &[u32], part: &[u32]) -> (Vec<u32>, usize) {
         let image = |cell: usize| part[self.image[cell] as usize];
         let mut votes: Vec<Vec<(u32, f64)>> = (0..cells.len()).map(|cell| vec![(image(cell), shares[cell])]).collect();
@@ -65,7 +66,7 @@ impl MirrorImages {
     }
 }
 
-/// The images of all cells, of which `shares` are the areas (S), under each mirror plane, the best plane first.
+/// The images of all cells, with areas `shares` (S), under each mirror plane, the best plane first.
 pub fn mirror_images(cells: &CellGraph, shares: &[f64]) -> Vec<MirrorImages> {
     let point = |(&position, &normal): (&[f64; 3], &[f64; 3])| SurfacePoint { position, normal };
     let points: Vec<SurfacePoint> = cells.centre.iter().zip(&cells.normal).map(point).collect();
@@ -116,7 +117,8 @@ pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], maps: &[MirrorIm
     sum
 }
 
-/// The shares of the image of each of `n` superfaces in others, which sum to 1, and how far it is one (R).
+/// For each of `n` superfaces, the shares of its image in other superfaces, which sum to 1, and how well it matches
+/// (R).
 fn superface_images(n: usize, of_cell: &[u32], shares: &[f64], map: &MirrorImages) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     let mut images: Vec<Vec<(u32, f64)>> = vec![Vec::new(); n];
     let (mut sure, area) = (vec![0.0; n], class_sums(of_cell, shares, n));
@@ -142,8 +144,8 @@ mod tests {
 
     #[test]
     fn superfaces_end_where_images_of_parts_do() {
-        // A strip of 12 cells that is its own mirror image, cut at 3: also at 9, but for one
-        // cell that is mapped wrongly.
+        // A strip of 12 cells that is its own mirror image, cut at 3: so it must be cut at 9 too, although one cell is
+        // mapped wrongly.
         let cells =
             CellGraph { pairs: (1..12).map(|i| [i - 1, i]).collect(), area: vec![1.0; 12], ..CellGraph::default() };
         let mut mirror = MirrorImages { image: (0..12).rev().collect(), weight: vec![1.0; 12] };
@@ -151,7 +153,7 @@ mod tests {
         let part: Vec<u32> = (0..12).map(|i| u32::from(i >= 3)).collect();
         let (of_cell, count) = mirror.cut_at_images(&cells, &[1.0 / 12.0; 12], &part, &part);
         assert_eq!((of_cell, count), (vec![0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2], 3));
-        // A fifth of a superface is what images may be off by.
+        // A fifth of a superface is within the inaccuracy of images.
         let part: Vec<u32> = (0..12).map(|i| u32::from(i >= 2)).collect();
         assert_eq!(mirror.cut_at_images(&cells, &[1.0 / 12.0; 12], &part, &part), (part.clone(), 2));
         mirror.weight[..6].fill(0.5);

@@ -24,13 +24,13 @@ pub fn on_surface(test: impl FnOnce(&CellGraph, &Surface<'_>)) {
     test(&cells, &Surface::new(&cells, &shares, &thickness).unwrap());
 }
 
-/// A body whose left half stands with its arm stretched out, while the right arm is raised and the right leg
-/// walks; it may lack them.
+/// A body whose left side stands with its arm stretched out, while the right arm is raised and the right leg walks; arm
+/// and leg may be missing.
 pub fn posed(arm: bool, leg: bool) -> CellGraph {
     let mut body = Voxels::new();
     let mut add = |there: bool, blocks: &[[Range<i32>; 3]]| {
         for block in blocks.iter().filter(|_| there) {
-            // Twice as fine.
+            // At twice the resolution.
             fill(&mut body, block.clone().map(|range| 2 * range.start..2 * range.end));
         }
     };
@@ -51,7 +51,7 @@ pub fn posed(arm: bool, leg: bool) -> CellGraph {
     cells
 }
 
-/// Turns a place and a direction by .6 about a hinge, in the plane of two axes.
+/// Rotates a position and a direction by .6 about a hinge, in the plane of two axes.
 fn turn(place: &mut [f64; 3], direction: &mut [f64; 3], [a, b]: [usize; 2], hinge: [f64; 2]) {
     let (sin, cos) = libm::sincos(0.6);
     for (v, [p, q]) in [(place, hinge), (direction, [0.0; 2])] {
@@ -60,7 +60,7 @@ fn turn(place: &mut [f64; 3], direction: &mut [f64; 3], [a, b]: [usize; 2], hing
     }
 }
 
-/// A cell for each square that bounds voxels.
+/// A cell for each square on the boundary of the voxels.
 fn surface(body: &Voxels) -> CellGraph {
     let mut cells = CellGraph::default();
     let mut edges: BTreeMap<[i32; 3], Vec<u32>> = BTreeMap::new();
@@ -71,7 +71,7 @@ fn surface(body: &Voxels) -> CellGraph {
             if body.contains(&beside) {
                 continue;
             }
-            // Twice the positions are whole.
+            // Doubled positions are integers.
             let mut centre = voxel.map(|x| 2 * x);
             centre[axis] += sign;
             for other in (0..3).filter(|&other| other != axis) {
@@ -92,7 +92,7 @@ fn surface(body: &Voxels) -> CellGraph {
     cells.centre.iter_mut().for_each(|centre| *centre = centre.map(|x| x / unit));
     cells.area.iter_mut().for_each(|area| *area /= unit * unit);
     cells.pairs = edges.into_values().map(|both| [both[0], both[1]]).collect();
-    // How far each turns towards the other, in right angles: above 0 where concave.
+    // How far each pair turns towards each other, in right angles: positive if concave.
     let turning = |&[i, j]: &[u32; 2]| {
         dot(minus(cells.centre[j as usize], cells.centre[i as usize]), cells.normal[i as usize]).signum()
             * (1.0 - dot(cells.normal[i as usize], cells.normal[j as usize]))
@@ -104,7 +104,7 @@ fn surface(body: &Voxels) -> CellGraph {
     cells
 }
 
-/// Whether a place, in units of the blocks, is on each.
+/// Whether a position, in units of the blocks, is on each limb.
 pub const LEFT_ARM: fn([f64; 3]) -> bool = |x| x[0] > 4.0;
 pub const RIGHT_ARM: fn([f64; 3]) -> bool = |x| x[0] < -3.0 && x[2] > 5.0;
 pub const LEFT_LEG: fn([f64; 3]) -> bool = |x| x[0] > 0.0 && x[2] < -1.0;

@@ -1,9 +1,10 @@
-//! Left and right of a posed body: the map of the surface onto itself that keeps distances along it and turns it over.
+//! Left and right of a posed body: the map of the surface onto itself that preserves distances along it and reverses
+//! orientation.
 //!
-//! A body that walks or sits has no mirror plane, but its legs are still as long as each other. Maps that begin with
-//! tips of limbs ([`anchored`]) are tried first. Where none of these is a reflection beyond doubt, smooth functions
-//! begin others ([`signs`]). Everything is a function of the cells. Cost: .04 to .08 s of processor time and some
-//! megabytes for 2,000 cells, whatever the size of the mesh, and .05 to .1 s for the other search.
+//! A body that walks or sits has no mirror plane, but its legs still have the same length. Maps that start from tips of
+//! limbs ([`anchored`]) are tried first. If none of these is a reflection beyond doubt, smooth functions give further
+//! starts ([`signs`]). Everything is a function of the cells. Cost: .04 to .08 s of processor time and some megabytes
+//! for 2,000 cells, whatever the size of the mesh, and .05 to .1 s for the second search.
 
 use super::cell_map::{CellMap, Surface};
 use super::mirror_images::MirrorImages;
@@ -12,10 +13,10 @@ use crate::base::Result;
 use crate::spectral::exp::exp64;
 use crate::store::run::Run;
 
-/// Cell radii by which distances of an image differ where its weight has fallen to e⁻¹.
+/// Difference between the distances of a cell and of its image, in cell radii, at which the weight has fallen to e⁻¹.
 const REACH: f64 = 3.0;
 
-/// The reflection of a posed body; `None` where there is none that is beyond doubt.
+/// The reflection of a posed body; `None` if there is none beyond doubt.
 ///
 /// # Errors
 /// Cancellation.

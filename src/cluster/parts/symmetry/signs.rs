@@ -1,10 +1,10 @@
-//! Reflections that begin with signs of smooth functions.
+//! Reflections found from signs of smooth functions.
 //!
-//! Each of the first functions of a surface with two sides is the same on both, or the opposite, so a reflection begins
-//! with one of few combinations of signs. Tips are not needed: those of an armadillo differ by more than it takes to
-//! tell them apart. Each combination becomes a map of samples, the likeliest of which are refined together with the
-//! maps that tips began. Those that keep distances best and turn the surface over are refined on all cells, and the
-//! first that is a reflection beyond doubt counts. Cost: .05 to .08 s of processor time for 2,000 cells.
+//! Each of the first functions of a symmetric surface is either even or odd under the reflection, so a reflection can
+//! be found from one of few combinations of signs. No tips are needed: those of an armadillo differ by more than the
+//! matching tolerates. Each combination gives a map of samples; the likeliest are refined together with the maps from
+//! tips. Those that preserve distances best and reverse orientation are refined on all cells, and the first that is a
+//! reflection beyond doubt is taken. Cost: .05 to .08 s of processor time for 2,000 cells.
 
 use super::cell_map::{CellMap, FarthestSamples, Surface};
 use super::cell_paths::Row;
@@ -13,22 +13,23 @@ use crate::base::Result;
 use crate::base::sort::sort_by;
 use crate::store::run::Run;
 
-/// Samples, farthest from each other.
+/// Number of samples, chosen as farthest points.
 const SAMPLES: usize = 128;
-/// Functions that may change their sign.
+/// Number of functions whose sign may change.
 const SIGNS: usize = 7;
-/// Combinations of signs that are refined.
+/// Number of sign combinations that are refined.
 const STARTS: usize = 24;
-/// Functions with which maps of samples end.
+/// Number of functions up to which maps of samples are refined.
 const ENOUGH: usize = 20;
-/// A sample that goes less far stays where it is, in units of √(total area), and the share of the
-/// area up to which they may.
+/// A sample that moves less than this (first), in units of √(total area), counts as staying in place; maximum share of
+/// the area that may stay.
 const STAYS: (f32, f32) = (0.15, 0.6);
-/// Maps that are looked at, and those of them that are refined on all cells.
+/// Number of maps examined, and of those refined on all cells.
 const LOOKED: [usize; 2] = [8, 2];
-/// Maps are one where all but this share of the area goes to within this length of each other.
+/// Two maps are the same if all but this share (second) of the area is mapped to within this length (first) of each
+/// other.
 const SAME: (f32, f32) = (0.15, 0.1);
-/// Maps of few functions that turn more of the surface over than not.
+/// Maximum orientation of maps of few functions: it must be reversed on most of the surface.
 const TURNED: f64 = -0.3;
 
 /// The samples of a surface.
@@ -37,18 +38,18 @@ struct Samples {
     rows: Vec<Row>,
     /// The nearest sample of each cell (S).
     owner: Vec<usize>,
-    /// Share of the area that each owns.
+    /// Area share of each sample's cells.
     mass: Vec<f32>,
 }
 
-/// A map of samples, the matrix that made it, and how badly it keeps distances.
+/// A map of samples, its matrix, and how poorly it preserves distances.
 struct Start {
     image: Vec<usize>,
     matrix: FunctionMap,
     error: f32,
 }
 
-/// A reflection that signs or `begun` begin; `None` where there is none that is beyond doubt.
+/// A reflection found from signs or from the maps `begun`; `None` if there is none beyond doubt.
 ///
 /// # Errors
 /// Cancellation.
@@ -101,7 +102,7 @@ impl Samples {
         self.rows[a][self.cell[b] as usize]
     }
 
-    /// Maps that move the surface, the best first.
+    /// Maps that move the surface, best first.
     fn starts(&self, functions: &Functions, begun: &[CellMap]) -> Vec<Start> {
         let k = SIGNS + 1;
         let signs = (1..1 << SIGNS).map(|signs| self.start(functions, FunctionMap::of_signs(signs, k)));
@@ -127,7 +128,7 @@ impl Samples {
         all
     }
 
-    /// The map of samples that a matrix makes.
+    /// The map of samples given by a matrix.
     fn start(&self, functions: &Functions, matrix: FunctionMap) -> Start {
         let image = |&cell: &u32| functions.nearest(&functions.image(cell, &matrix), &self.cell);
         let image: Vec<usize> = self.cell.iter().map(image).collect();
@@ -161,8 +162,8 @@ mod tests {
     fn limbs_go_to_limbs() {
         on_surface(|cells, surface| {
             let CellMap { image, .. } = reflection(surface, &[], &Run::new(&())).unwrap().unwrap();
-            // A leg of this body is a stick, as long as the other and alike in front and at the back:
-            // it may be its own image.
+            // A leg of this body is a stick, as long as the other and alike in front and at the back: it may be its own
+            // image.
             for (from, to) in [(LEFT_ARM, vec![RIGHT_ARM]), (LEFT_LEG, vec![LEFT_LEG, RIGHT_LEG])] {
                 let from = cells_of(cells, from);
                 let to: Vec<usize> = to.into_iter().flat_map(|limb| cells_of(cells, limb)).collect();

@@ -1,25 +1,25 @@
-//! The tips of a body, and which of them may be mirror images of which.
+//! The tips of a body, and which of them may be mirror images of each other.
 //!
-//! A tip is farther from all of the surface, in the mean, than what is around it: ends of limbs, head, tail. Mean
-//! distances and distances between tips hardly change with the pose. All involutions of the ten farthest tips that
-//! keep distances are searched.
+//! The mean distance from the whole surface has a local maximum at a tip: ends of limbs, head, tail. Mean distances and
+//! distances between tips hardly change with the pose. All involutions of the ten farthest tips that preserve distances
+//! are searched.
 
 use super::cell_map::Surface;
 use super::cell_paths::Row;
 use crate::base::sort::sort_by;
 
-/// A tip is farthest within so far, in units of √(total area), as all lengths here.
+/// Radius within which a tip is a maximum, in units of √(total area), like all lengths here.
 const REACH: f32 = 0.12;
-/// Images may differ by so much in their mean distance.
+/// Maximum difference between the mean distances of images.
 const MEAN_SLACK: f32 = 0.1;
-/// Distances of tips may differ by so much, and by this share of them: toes and poses differ.
+/// Maximum difference between distances of tips, absolute plus relative: toes and poses differ.
 const SLACK: [f32; 2] = [0.1, 0.1];
-/// What a tip without another for an image costs, as a difference of distances.
+/// Cost of an unmatched tip, as a difference of distances.
 const ALONE: f32 = 0.05;
-/// Steps of the search at the most.
+/// Maximum number of search steps.
 const VISITS: usize = 20_000;
 
-/// The tips of a surface, the farthest first, at most `count`.
+/// The tips of a surface, farthest first, at most `count`.
 pub fn tips(surface: &Surface<'_>, count: usize) -> Vec<u32> {
     let Surface { paths, mean, reached, .. } = surface;
     let mut ball = vec![f32::INFINITY; mean.len()];
@@ -44,14 +44,14 @@ pub fn tips(surface: &Surface<'_>, count: usize) -> Vec<u32> {
 /// An involution of tips.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Matching {
-    /// The image of each tip, perhaps itself; `None` where it has none.
+    /// The image of each tip, possibly itself; `None` if it has none.
     pub image: Vec<Option<usize>>,
-    /// How little it is believed.
+    /// The cost: the lower, the more plausible.
     cost: f32,
 }
 
-/// Involutions of the tips with at least one pair that keep distances, the likeliest first. `rows` are the tips' rows,
-/// `mean` the mean distances of all cells.
+/// Involutions of the tips with at least one pair that preserve distances, the likeliest first. `rows` are the tips'
+/// rows, `mean` the mean distances of all cells.
 pub fn matchings(tips: &[u32], rows: &[Row], mean: &[f32]) -> Vec<Matching> {
     let between = rows.iter().map(|row| tips.iter().map(|&tip| row[tip as usize]).collect()).collect();
     let mean = tips.iter().map(|&tip| mean[tip as usize]).collect();
@@ -64,14 +64,14 @@ pub fn matchings(tips: &[u32], rows: &[Row], mean: &[f32]) -> Vec<Matching> {
 struct Search {
     between: Vec<Vec<f32>>,
     mean: Vec<f32>,
-    /// `None` where it is not decided.
+    /// `None` if not yet decided.
     image: Vec<Option<Option<usize>>>,
     visits: usize,
     found: Vec<Matching>,
 }
 
 impl Search {
-    /// Tips with images, and these.
+    /// Tips with images, and these images.
     fn mapped(&self) -> impl Iterator<Item = (usize, usize)> {
         self.image.iter().enumerate().filter_map(|(i, image)| image.flatten().map(|j| (i, j)))
     }
@@ -84,7 +84,7 @@ impl Search {
             && self.mapped().all(|(a, b)| close(d[i][a], d[j][b]) && close(d[j][a], d[i][b]))
     }
 
-    /// Decides about tip `i` and all after it.
+    /// Decides on tip `i` and all after it.
     fn visit(&mut self, i: usize) {
         self.visits += 1;
         if self.visits > VISITS {
@@ -146,7 +146,7 @@ mod tests {
         assert_eq!(found[0].image, [Some(1), Some(0), Some(3), Some(2), Some(4)]);
         let image = |m: &Matching, i: usize| m.image[i].is_none_or(|j| m.image[j] == Some(i));
         assert!(found.iter().all(|m| (0..5).all(|i| image(m, i))), "involutions all");
-        // An arm of half the length is none's image.
+        // An arm of half the length is not an image of the other.
         let (tips, rows, mean) = body(0.1);
         assert!(matchings(&tips, &rows, &mean).iter().all(|m| m.image[2] != Some(3)));
     }
