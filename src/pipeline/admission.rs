@@ -1,7 +1,7 @@
-//! Whether a work directory may be used for a mesh: one that lasts keeps to its mesh, or to its two.
+//! Whether a work directory may be used for a mesh: a kept one is bound to its mesh, or to its two meshes.
 //!
-//! All that it keeps would be made anew for another mesh, and hours of work be lost by a wrong path. So that is refused
-//! before anything changes, unless it is asked for. Cost: the manifest is read.
+//! For another mesh everything in it would be rebuilt, and a wrong path would destroy hours of work. So this is refused
+//! before anything changes, unless it is requested. Cost: reading the manifest.
 
 #[cfg(feature = "correspondence")]
 use super::input::content;
@@ -11,11 +11,11 @@ use crate::store::{Context, WorkDir};
 use serde_json::Value;
 use std::path::Path;
 
-/// Refuses to work on the mesh at `path`, which `identity` tells, in a work directory that is of another mesh, or of
-/// what that file held before it changed; with `force` the directory is emptied instead.
+/// Refuses to work on the mesh at `path`, whose identity is `identity`, in a work directory of another mesh, or of an
+/// earlier content of that file; with `force` the directory is emptied instead.
 ///
 /// # Errors
-/// [`Error::WorkDir`] with the mesh that it is of; [`Error::Io`].
+/// [`Error::WorkDir`] naming the mesh that the directory belongs to; [`Error::Io`].
 pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -> Result<()> {
     admitted(force, context, |work| {
         if work.is_of_two() {
@@ -27,7 +27,7 @@ pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -
                 Some(mesh) if mesh != here => {
                     Err(of_another(path, format!("is of another mesh, {}", mesh.display()), work))
                 }
-                // What is no record of anything protects nothing: the stages look after themselves.
+                // A directory without a record is not protected: the stages check their own inputs.
                 _ => Ok(()),
             };
         };
@@ -45,11 +45,11 @@ pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -
     })
 }
 
-/// Refuses to match the meshes at `paths`, which `identities` tell, in a work directory that is of one mesh or of two
-/// others. With `force` that of one mesh is emptied instead, and of two the stages of another mesh are made anew.
+/// Refuses to match the meshes at `paths`, whose identities are `identities`, in a work directory of one mesh or of two
+/// others. With `force` that of one mesh is emptied instead, and in that of two the stages of another mesh are rebuilt.
 ///
 /// # Errors
-/// [`Error::WorkDir`] with the mesh that it is of; [`Error::Io`].
+/// [`Error::WorkDir`] naming the mesh that the directory belongs to; [`Error::Io`].
 #[cfg(feature = "correspondence")]
 pub fn admit_two(paths: [&Path; 2], identities: &[Value; 2], force: bool, context: Context<'_>) -> Result<()> {
     admitted(force, context, |work| {
@@ -75,8 +75,8 @@ pub fn admit_two(paths: [&Path; 2], identities: &[Value; 2], force: bool, contex
     })
 }
 
-/// What identifies the mesh at `path` as one of two in a work directory that lasts: its content and its name, which
-/// `info` tells.
+/// The identity of the mesh at `path` as one of two in a kept work directory: its content and its name, which `info`
+/// shows.
 ///
 /// # Errors
 /// As [`content`].
@@ -87,7 +87,7 @@ pub fn identity_of_two(path: &Path) -> Result<Value> {
     Ok(identity)
 }
 
-/// What `check` says of a directory that lasts; with `force` one that it refuses is emptied.
+/// The result of `check` for a kept directory; with `force` a refused one is emptied.
 fn admitted(force: bool, context: Context<'_>, check: impl FnOnce(&WorkDir) -> Result<()>) -> Result<()> {
     let Context { work, run } = context;
     if work.is_temporary() {
@@ -102,7 +102,7 @@ fn admitted(force: bool, context: Context<'_>, check: impl FnOnce(&WorkDir) -> R
     }
 }
 
-/// The error of working on the mesh at `path` in `work`, which is of another one as `problem` says.
+/// The error for working on the mesh at `path` in `work`, which belongs to another mesh; `problem` describes that.
 fn of_another(path: &Path, problem: String, work: &WorkDir) -> Error {
     let remedy = format!("name another folder, or make it anew for {} with `force`", path.display());
     Error::work_dir(work.path(), problem, remedy)

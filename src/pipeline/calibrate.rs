@@ -1,9 +1,10 @@
-//! A short calibration: the recipe on two creatures, timed by stage.
+//! A short calibration: the recipe on two synthetic creatures, timed by stage.
 //!
-//! Both go the mesh's way: contracted if it is, over all faces if it is not. A third one has noise, and tells what
-//! normals of a rough surface take. Creatures have no more landmarks, and no more parts of K-means and 2-means, than
-//! are usual; what more of them take is reckoned. Costs one to five seconds and some 20 MB of disk for as long; for
-//! meshes of more than ten million faces less than a tenth of what their run takes, and some six seconds at the most.
+//! Both are treated like the mesh: contracted if it is, otherwise with rows over all faces. A third one has noise, and
+//! shows what smoothing the normals of a rough surface costs. Creatures have no more landmarks, and no more parts of
+//! K-means and 2-means, than usual; the cost of more of them is extrapolated. Takes one to five seconds and some 20 MB
+//! of temporary disk; for meshes of more than ten million faces less than a tenth of the run, and at most some six
+//! seconds.
 
 use super::params::{Cluster, SegmentParams, default_landmarks_for_faces, dimensions, landmarks_on_contraction};
 use super::plan::Pace;
@@ -21,7 +22,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Mutex;
 
-/// Listens to nothing but the seconds of stages.
+/// Records only the seconds of stages.
 #[derive(Default)]
 struct Clock(Mutex<BTreeMap<String, f64>>);
 
@@ -31,20 +32,18 @@ impl Progress for Clock {
     }
 }
 
-/// Faces of the larger creature for a mesh that is not large enough to be contracted, at the least and at the most:
-/// more than asked for are made.
+/// Minimum and maximum number of faces of the larger creature for a mesh too small to be contracted; a creature has
+/// somewhat more faces than requested.
 const SMALL: [u64; 2] = [14_200, 48_000];
 
-/// Faces of the larger creature for a larger mesh: half a million at the least, if the mesh has so many, and
-/// five million at the most.
+/// Minimum (if the mesh has as many) and maximum number of faces of the larger creature for a larger mesh.
 const LARGE: [u64; 2] = [500_000, 5_000_000];
 
-/// Parts that K-means and 2-means make of a creature at the most, and coordinates that they do so with. A thousand of
-/// each take minutes.
+/// Maximum number of parts, and of coordinates, of K-means and 2-means on a creature. A thousand of each take minutes.
 const MOST_CENTRES: usize = 30;
 
-/// `params` with no more landmarks and centres than calibrating has time for, on the same way of a mesh of `faces`
-/// faces.
+/// `params` with landmarks and centres capped to what calibrating has time for, but with the same decision on
+/// contracting as for a mesh of `faces` faces.
 fn calibrated(params: &SegmentParams, faces: usize) -> SegmentParams {
     let contracts = params.contracts(faces);
     let usual = if contracts { landmarks_on_contraction(usize::MAX) } else { default_landmarks_for_faces(faces) };
@@ -60,27 +59,27 @@ fn calibrated(params: &SegmentParams, faces: usize) -> SegmentParams {
     }
 }
 
-/// Multiply-adds, more or less, that K-means or 2-means takes under `params` over `nodes` nodes.
+/// Approximate number of multiply-adds of K-means or 2-means under `params` over `nodes` nodes.
 fn steps(params: &SegmentParams, nodes: f64) -> f64 {
     let l = params.landmarks.unwrap_or(1) as f64;
     let k = params.centres().unwrap_or(1) as f64;
     let d = l.min(params.embedding.map_or(dimensions(params), |embedding| embedding.dimensions) as f64);
-    // Eight starts of so many candidates and four rounds, and some twenty rounds of two of them.
+    // Eight starts, each with candidates and four rounds, and some twenty rounds of two of them.
     let compared = |k: f64| k * (8. * (2. + libm::log(k)) + 8. * 4. + 2. * 20.);
     let compared = if params.cluster == Cluster::TwoMeans { compared(2.) * libm::log2(k).max(1.) } else { compared(k) };
     let fit = nodes.min(MOST_COLUMNS as f64) * (compared * d + l * l) + 10. * l.powi(3);
     fit + nodes * (l * (l + d + 4.) + k * d)
 }
 
-/// Calibrating takes no more than this share of the run, but for small meshes.
+/// The larger creature has at most one in this many of the mesh's faces, except for small meshes.
 const SHARE: u64 = 20;
 
-/// Runs over creatures of fewer faces are short enough for a moment's load to double them: each is done
-/// again, and the mean counts.
+/// Runs over creatures of fewer faces are so short that a momentary load can double them: each is repeated, and the
+/// mean is used.
 const TWICE_BELOW: u64 = 1_000_000;
 
-/// Faces of the two creatures for a mesh of `faces` faces, one four times as large as the other. Both are contracted if
-/// it is.
+/// Numbers of faces of the two creatures for a mesh of `faces` faces, one four times the other. Both are contracted if
+/// the mesh is.
 fn sizes(faces: u64) -> [u64; 2] {
     if faces <= contract::LARGE as u64 {
         let many = faces.clamp(SMALL[0], SMALL[1]);
@@ -94,7 +93,7 @@ fn sizes(faces: u64) -> [u64; 2] {
 /// Displacement of the vertices of the rough creature, as a share of the mean edge length.
 const NOISE: f64 = 0.3;
 
-/// What stages take, by the names of [`super::plan::Plan`].
+/// The pace of each stage, by the names in [`super::plan::Plan`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Calibration {
     /// On a smooth surface.
@@ -104,8 +103,8 @@ pub struct Calibration {
 }
 
 /// The pace of each stage on a mesh of `faces` faces, measured in a temporary folder inside `folder` on creatures of
-/// two sizes, since some stages take a while whatever the size. Large meshes are cut in other ways than small ones
-/// (blocks of nodes, patches that tell whether the surface is clean), so their creatures are large.
+/// two sizes, since some stages have a fixed cost. Large meshes use different methods than small ones (blocks of nodes,
+/// patches to test whether the surface is clean), so their creatures are large.
 ///
 /// # Errors
 /// As [`segment`].
@@ -140,7 +139,7 @@ pub fn calibrate(
         }
         Ok(mean)
     };
-    // The first run of all pays for pages and caches of the program itself.
+    // A warm-up run: the first one pays for the program's own pages and caches.
     seconds(&params, few.min(LARGE[0] / 4), 0., folder, run)?;
     let (short, rough, long) = (mean_seconds(few, 0.)?, mean_seconds(few, NOISE)?, mean_seconds(many, 0.)?);
     let mut paces = Calibration::default();
@@ -158,10 +157,11 @@ pub fn calibrate(
     Ok(paces)
 }
 
-/// What takes as long on any mesh that is contracted: it goes over the contraction, or over the landmarks' rows there.
+/// Stages that take the same time on any contracted mesh: they run over the contraction, or over the landmarks' rows
+/// there.
 const ON_CONTRACTION: [&str; 5] = ["cells", "rows", "cell rows", "parts", "assign"];
 
-/// The stage of [`super::plan::Plan`] that a stage of the run belongs to.
+/// The stage of [`super::plan::Plan`] to which a stage of the run belongs.
 fn planned_as(stage: &str) -> &str {
     match stage {
         "normals" | "cells" => "surface",
@@ -170,14 +170,14 @@ fn planned_as(stage: &str) -> &str {
     }
 }
 
-/// A run over a creature.
+/// A timed run over a creature.
 struct Timed {
     faces: f64,
     stages: BTreeMap<String, f64>,
 }
 
 impl Timed {
-    /// Seconds of a stage; none if there was no such stage.
+    /// Seconds of a stage; 0 if there was no such stage.
     fn of(&self, stage: &str) -> f64 {
         self.stages.get(stage).copied().unwrap_or(0.)
     }
@@ -189,7 +189,7 @@ fn seconds(params: &SegmentParams, faces: u64, noise: f64, folder: &Path, run: &
     let landmarks = params.landmarks.unwrap_or(0);
     let timed = Run {
         threads: run.threads,
-        // The mesh may have fewer faces than the creature, and then its landmarks take less.
+        // The mesh may have fewer faces than the creature, and its landmarks would then need less memory.
         budget: Budget::new(run.budget.total().max(2 * params.cluster.fixed_bytes(landmarks as u64, faces))),
         resident: run.resident,
         progress: &clock,
@@ -230,13 +230,14 @@ mod tests {
                 assert!(parts > 2 || steps == all);
             }
         }
-        // Those of the default method are had for nothing, by another cut.
+        // Those of the default method cost nothing: they are another cut.
         let count = PartCount::Exactly(1_000);
         let asked = SegmentParams::default().parts(PartsParams { count, ..PartsParams::default() });
         assert_eq!(calibrated(&asked, 100_000).parts.count, count);
     }
 
-    /// The smaller creature was not contracted where the mesh was, and the line through both told nonsense of it.
+    /// Regression: the smaller creature was not contracted when the mesh was, so extrapolation from the two was
+    /// meaningless.
     #[test]
     fn both_creatures_are_contracted_if_the_mesh_is() {
         let contracted = |faces: u64| SegmentParams::default().contracts(faces as usize);

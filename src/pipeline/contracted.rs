@@ -1,5 +1,5 @@
-//! What all methods do with a large mesh before they decide about parts: weights of its surface, its contraction, and
-//! the labels of contracted nodes on their way back to the faces.
+//! What all methods do with a large mesh before they decide on parts: weights of its surface, its contraction, and the
+//! transfer of labels from contracted nodes to the faces.
 //!
 //! Cost: that of the stages ([`SurfaceStage`], [`Contraction`]).
 
@@ -16,7 +16,7 @@ use crate::store::stage::Stage;
 use crate::store::{Context, WorkDir};
 use std::sync::Arc;
 
-/// The surface of `graph`, and the graph weighted with its normals and unit.
+/// The surface of `graph`, and the graph weighted with the surface's normals and unit of length.
 pub(super) fn weighted(
     graph: &DualGraph,
     params: &SegmentParams,
@@ -44,7 +44,7 @@ pub(super) fn contraction(
     Ok((inner, small))
 }
 
-/// The same, and rows over it that were computed in shares are put together.
+/// The same; rows over it that were computed in shards are merged.
 pub(super) fn contraction_and_shares(
     whole: WeightedSurface<'_>,
     context: Context<'_>,
@@ -62,7 +62,7 @@ pub(super) fn contraction_and_shares(
     Ok((inner, small))
 }
 
-/// The contracted nodes with the labels and confidences that they have (u), and what labels beyond the parts are of.
+/// The contracted nodes as units, with their labels and confidences (u), and the parts of labels beyond the parts.
 pub(super) fn units_of(small: ContractedSurface, label: Vec<u32>, further: Vec<u32>, confidence: Vec<f64>) -> Units {
     let steps = small.graph.edges.by_distance();
     let touches = |node: u32| steps.neighbours(node).any(|(next, _)| label[next as usize] != label[node as usize]);
@@ -70,7 +70,7 @@ pub(super) fn units_of(small: ContractedSurface, label: Vec<u32>, further: Vec<u
     Units { of_node: small.of_node, label, further, at_boundary, areas: Some(small.areas), confidence }
 }
 
-/// The faces of the mesh that the contracted nodes `landmarks` grew from.
+/// The faces from which the contracted nodes `landmarks` grew.
 pub(super) fn faces_of(landmarks: &[u32], small: &ContractedSurface) -> Vec<u32> {
     landmarks.iter().filter_map(|&node| small.seeds.get(node as usize).copied()).collect()
 }

@@ -1,9 +1,9 @@
 //! `correspond`: from two mesh files to matches.
 //!
-//! Each mesh is made ready ([`super::sides`]); then the embeddings are aligned and vertices matched, refined or not. A
-//! part and a whole go another way ([`super::partial`]). Everything of the size of a mesh is a mapped file; allocated
-//! are queues of fronts and, without refinement, two search trees, 60 bytes per vertex together at the most and no
-//! more than 2²¹ vertices each.
+//! Each mesh is prepared ([`super::sides`]); then the embeddings are aligned and vertices matched, with or without
+//! refinement. Partial correspondence is separate ([`super::partial`]). Everything of the size of a mesh is a mapped
+//! file; only the queues of fronts and, without refinement, two search trees are allocated: at most 60 bytes per vertex
+//! for both, and no more than 2²¹ vertices each.
 
 use super::finer::Finer;
 use super::partial::match_partial;
@@ -38,7 +38,7 @@ use std::path::Path;
 /// let (a, b) = (mesh::open(&path, work.path(), &run)?, mesh::open(&path, work.path(), &run)?);
 /// let params = CorrespondParams::default().landmarks(12);
 /// let found = correspond(&a, &b, None, &params, Context::new(&work, &run))?;
-/// // Refined, a vertex may be matched with the one beside its own.
+/// With refinement, a vertex may be matched with a neighbour of its own.
 /// let own = found.matches.iter().enumerate().filter(|(v, one)| one.vertex() == Some(*v as u32)).count();
 /// assert!(own * 100 > 99 * found.matches.len());
 /// # Ok::<(), nystrom_stream::base::Error>(())
@@ -56,11 +56,11 @@ pub fn correspond(
     correspond_guided(a, b, inputs, params, &Guidance::default(), context)
 }
 
-/// The same with what is known of the map beforehand.
+/// The same, given prior knowledge of the map.
 ///
 /// # Errors
-/// As [`Side::build`]; [`crate::base::Error::Parameter`] for guidance without refinement, or for
-/// vertices that are not there.
+/// As [`Side::build`]; [`crate::base::Error::Parameter`] for guidance without refinement, or for vertices that do not
+/// exist.
 pub fn correspond_guided(
     a: &Mesh,
     b: &Mesh,
@@ -70,7 +70,7 @@ pub fn correspond_guided(
     context: Context<'_>,
 ) -> Result<Correspondence> {
     guidance.check(a.positions.len(), b.positions.len(), params)?;
-    // A directory that lasts keeps the graphs and rows of both meshes, and nothing else.
+    // A kept directory keeps only the graphs and rows of both meshes.
     let passing = WorkDir::temporary(context.work.path())?;
     let within = Context::new(&passing, context.run);
     let used = UsedOfTwo::of([a, b], within)?;
@@ -83,7 +83,7 @@ pub fn correspond_guided(
 }
 
 impl Correspondence {
-    /// What to report of the matches of the meshes at `paths` under `params`, with what the run `told`.
+    /// The report on the matches of the meshes at `paths` under `params`, with the seconds and notes in `told`.
     pub fn report(&self, paths: [&Path; 2], params: &CorrespondParams, run: &Run, told: &Told) -> Value {
         let matched = self.matches.iter().filter(|one| one.target >= 0);
         let (count, sum) = matched.fold((0u64, 0f64), |(n, sum), one| (n + 1, sum + f64::from(one.confidence)));
@@ -107,7 +107,7 @@ impl Correspondence {
     }
 }
 
-/// Matches meshes made ready with the same parameters.
+/// Matches prepared meshes with the same parameters.
 ///
 /// # Errors
 /// As [`Side::build`].
@@ -186,8 +186,7 @@ pub fn match_sides(
     })
 }
 
-/// B embedded by the images of A's landmarks and A's own map: nothing is left to align but what
-/// the images are wrong by.
+/// B embedded by the images of A's landmarks and A's own map: the only alignment error left is that of the images.
 fn transferred(
     a: &Side<'_>,
     b: &Side<'_>,

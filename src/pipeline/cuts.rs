@@ -1,4 +1,4 @@
-//! The mesh in every small number of parts, from the hierarchy that a work directory keeps: what a page's slider shows.
+//! The mesh in every small number of parts, from the kept hierarchy of a work directory: the data for a page's slider.
 
 use super::decision::{self, KeptDecision};
 use crate::base::Result;
@@ -7,26 +7,26 @@ use crate::cluster::{cells, contract};
 use crate::graph::{DualGraph, NodeOrder};
 use crate::store::{Context, MappedSlice, WorkDir};
 
-/// Numbers of parts at the most.
+/// Maximum number of parts.
 pub const MOST: usize = 30;
 const CHUNK: usize = 1 << 16;
-/// Where cells are put in order; what a killed run leaves of it is swept up by the next.
+/// Temporary file for reordering cells; a leftover of a killed run is removed by the next one.
 const FILE: &str = "file_cells.tmp";
 
 /// Cells of the faces, and the part of each cell for every number of parts.
 #[derive(Clone, Debug)]
 pub struct KeptCuts {
-    /// Cell of each face, in the order of the file (n).
+    /// Cell of each face, in file order (n).
     pub cells: MappedSlice<u32>,
-    /// For 1, 2, … parts the part of each cell.
+    /// The part of each cell for 1, 2, … parts.
     pub parts: Vec<Vec<u32>>,
-    /// What corrections are computed with.
+    /// The data for computing corrections.
     pub kept: KeptDecision,
 }
 
-/// The cuts into up to [`MOST`] parts of the mesh in `work`, which was cut into parts, with rows over all faces where
-/// `exact`; by the hierarchy `tree`, where one is given. None where cells and hierarchy do not fit. Arrays go to the
-/// work directory of `context`, which may be another: `work` is only read.
+/// The cuts into up to [`MOST`] parts of the segmented mesh in `work`, with rows over all faces if `exact`; with the
+/// hierarchy `tree`, if given. `None` if cells and hierarchy do not match. Arrays go to the work directory of
+/// `context`, which may be another one: `work` is only read.
 ///
 /// # Errors
 /// [`crate::base::Error::WorkDir`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -43,8 +43,8 @@ pub fn kept(exact: bool, tree: Option<&PartTree>, work: &WorkDir, context: Conte
     Ok(Some(KeptCuts { cells, parts: tree.first_cuts(MOST)?, kept }))
 }
 
-/// The cell of each face of the mesh in `work`, in the order of the file (n); those of its contraction, unless it is
-/// small or rows were `exact`. Arrays go to the work directory of `context`.
+/// The cell of each face of the mesh in `work`, in file order (n); the cells of its contraction, unless it is small or
+/// rows were `exact`. Arrays go to the work directory of `context`.
 ///
 /// # Errors
 /// As [`kept`].
@@ -52,7 +52,7 @@ pub fn cells(exact: bool, work: &WorkDir, context: Context<'_>) -> Result<Mapped
     let (graph, input) = DualGraph::kept(work)?;
     let n = graph.nodes.len();
     let order = NodeOrder::kept(&input, n, work)?;
-    // A large mesh alone is contracted.
+    // Only a large mesh is contracted.
     let mut cells = context.work.array::<u32>(FILE, &[n])?;
     if let Some(inner) = decision::contraction_in_use(work, exact)? {
         let of_small = inner.open_array::<u16>(cells::OF_FACE)?;
@@ -64,7 +64,7 @@ pub fn cells(exact: bool, work: &WorkDir, context: Context<'_>) -> Result<Mapped
         context.run.fill_each(cells.data(), CHUNK, |i, _| of_node[i].into())?;
     }
     let restored = order.restore(FILE, cells.finish(false)?, context)?;
-    // Read by its mapping from here on: no stage owns the file, so nobody would ever remove it.
+    // Only the mapping is used from here on. No stage owns the file, so nobody else would ever remove it.
     context.work.remove(FILE);
     Ok(restored)
 }

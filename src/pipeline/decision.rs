@@ -1,10 +1,10 @@
-//! The decision about parts as a stage: all answers at once, kept, so that another number of parts needs
-//! neither rows nor the ensemble.
+//! The decision on parts as a stage: it keeps all answers at once, so that another number of parts needs neither rows
+//! nor the ensemble.
 //!
 //! Files, constant in the size of the mesh: `tree.json`, the merge hierarchy of cells; `superfaces.npy` and
-//! `superface_areas.npy`, the sets of cells that no clustering of the ensemble tells apart; `co_association.npy`
-//! (superfaces × superfaces), how far any two belong together, which confidences come from; `walls.npy`, 1 for each
-//! cell that is the wall of a cavity, without any where nothing is enclosed.
+//! `superface_areas.npy`, the sets of cells that no clustering of the ensemble separates; `co_association.npy`
+//! (superfaces × superfaces), the probability that any two belong together, from which confidences are computed;
+//! `walls.npy`, 1 for each cell that is the wall of a cavity, empty if nothing is enclosed.
 
 use super::labels::{self, SegmentStats};
 use super::params::{Cluster, SegmentParams};
@@ -39,12 +39,12 @@ const AREAS: &str = "superface_areas.npy";
 const CO_ASSOCIATION: &str = "co_association.npy";
 const WALLS: &str = "walls.npy";
 
-/// What is kept besides the files.
+/// What is recorded besides the files.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct DecisionFacts {
     /// Landmarks l.
     pub l: usize,
-    /// Seconds that deciding took.
+    /// Seconds that the decision took.
     pub seconds: f64,
     /// The spectral numbers of the report.
     pub numbers: SegmentStats,
@@ -52,11 +52,11 @@ pub(super) struct DecisionFacts {
     pub enclosed: Enclosed,
 }
 
-/// The stage that decides about parts.
+/// The stage that decides on parts.
 pub(super) struct DecisionStage<'a> {
-    /// What is cut.
+    /// The surface to cut.
     pub surface: WeightedSurface<'a>,
-    /// How.
+    /// The options.
     pub params: &'a SegmentParams,
 }
 
@@ -87,7 +87,7 @@ impl Stage for DecisionStage<'_> {
         })
     }
 
-    /// Makes the rows too, where that was not done.
+    /// Also computes the rows, if needed.
     fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
         let sample = self.surface.representative(self.landmarks(), self.params, context)?;
         let cells = &self.surface.surface.cells()?.graph;
@@ -135,7 +135,7 @@ fn open(cells: usize, work: &WorkDir) -> Result<PartDecision> {
         .ok_or_else(|| work.damaged(TREE, format!("contradicts {SUPERFACES}, {AREAS} or {CO_ASSOCIATION}")))
 }
 
-/// The decision on `cells` cells that these make; `None` where they contradict each other.
+/// The decision on `cells` cells assembled from these parts; `None` if they are inconsistent.
 fn assembled(
     cells: usize,
     of_cell: Vec<u32>,
@@ -146,15 +146,15 @@ fn assembled(
     let n = area.len();
     let superfaces = Superfaces::kept(of_cell, area)?;
     let whole = superfaces.of_cell.len() == cells && tree.cells() == cells && co_association.len() == n * n;
-    // Only then is n² room that there is.
+    // Only after this check is it certain that there is room for n².
     whole.then(|| {
         let co_association = Square::from_values(n, co_association);
         PartDecision::of(superfaces, co_association, tree)
     })
 }
 
-/// The spectral numbers of the decision about the mesh in `work`, or about its contraction, unless it is small or rows
-/// were `exact`; `None` where there is none of the graph that is there now.
+/// The spectral numbers of the decision on the mesh in `work`, or on its contraction, unless it is small or rows were
+/// `exact`; `None` if there is no decision on the current graph.
 ///
 /// # Errors
 /// As [`WorkDir::inner`].
@@ -171,7 +171,7 @@ pub(super) fn kept_numbers(work: &WorkDir, exact: bool) -> Result<Option<Segment
 /// The hierarchy of parts of the mesh in `work`: that of its contraction, unless it is small or rows were `exact`.
 ///
 /// # Errors
-/// [`Error::WorkDir`] where there is none; [`Error::Io`], [`Error::Malformed`].
+/// [`Error::WorkDir`] if there is none; [`Error::Io`], [`Error::Malformed`].
 pub fn tree_of(work: &WorkDir, exact: bool) -> Result<PartTree> {
     for contracted in [!exact, exact] {
         if !is_current(work, contracted) {
@@ -188,13 +188,13 @@ pub fn tree_of(work: &WorkDir, exact: bool) -> Result<PartTree> {
     Err(Error::work_dir(work.path(), "holds no hierarchy of parts of its mesh", remedy))
 }
 
-/// The key of the decision in `work`, where there is one.
+/// The key of the decision in `work`, if there is one.
 pub(super) fn decision_key(work: &WorkDir) -> Option<String> {
     work.manifest().stages.remove(DecisionStage::NAME).map(|stage| stage.key)
 }
 
-/// Refuses a decision in `decided` that is another than the one that the labels in `work` were cut from: a run that was
-/// refused or stopped may have left it.
+/// Rejects a decision in `decided` other than the one from which the labels in `work` were cut: a refused or
+/// interrupted run may have left it.
 fn check_labels(work: &WorkDir, decided: &WorkDir) -> Result<()> {
     let decision = decided.manifest().stages.remove(DecisionStage::NAME);
     if decision.as_ref().is_some_and(|decision| decision.version != DecisionStage::VERSION) {
@@ -210,7 +210,7 @@ fn check_labels(work: &WorkDir, decided: &WorkDir) -> Result<()> {
     }
 }
 
-/// The decision that a work directory keeps, and the cells that it was made on: what corrections are computed with.
+/// The kept decision of a work directory, and its cells: the data for computing corrections.
 #[derive(Clone, Debug)]
 pub struct KeptDecision {
     /// The cells, safe to compute with ([`CellGraph::cleaned`]).
@@ -230,7 +230,7 @@ struct KeptText<'a> {
 }
 
 impl KeptDecision {
-    /// That of the mesh in `work`: of its contraction, unless it is small or rows were `exact`.
+    /// The one for the mesh in `work`: on its contraction, unless it is small or rows were `exact`.
     ///
     /// # Errors
     /// As [`tree_of`].
@@ -248,7 +248,7 @@ impl KeptDecision {
     /// All of it as JSON: about a megabyte.
     ///
     /// # Errors
-    /// [`Error::Internal`] for what JSON cannot tell.
+    /// [`Error::Internal`] for values that JSON cannot represent.
     pub fn text(&self) -> Result<String> {
         let PartDecision { superfaces, co_association, tree, .. } = &self.decision;
         let told = KeptText {
@@ -261,10 +261,10 @@ impl KeptDecision {
         Ok(json::value("the decision", &told)?.to_string())
     }
 
-    /// What [`KeptDecision::text`] has told.
+    /// Parses the output of [`KeptDecision::text`].
     ///
     /// # Errors
-    /// [`Error::Parameter`] for another text.
+    /// [`Error::Parameter`] for any other text.
     pub fn of_text(text: &str) -> Result<Self> {
         let wrong = |problem: String| Error::parameter("decision", problem, "cut the mesh again");
         let told: KeptText<'_> = serde_json::from_slice(text.as_bytes()).map_err(|error| wrong(error.to_string()))?;
@@ -277,17 +277,17 @@ impl KeptDecision {
         Ok(Self { cells, decision })
     }
 
-    /// How far cells belong together.
+    /// How strongly cells belong together.
     pub fn affinities(&self) -> Affinities<'_> {
         self.decision.affinities(&self.cells)
     }
 }
 
-/// Whether the decision in `work`, or that on its contracted mesh, is of the graph that is there now: K-means of
-/// another mesh leaves an older decision behind.
+/// Whether the decision in `work`, or that on its contracted mesh, belongs to the current graph: after K-means on
+/// another mesh, an older decision may be left.
 fn is_current(work: &WorkDir, contracted: bool) -> bool {
     if work.is_temporary() {
-        // It has been used for one mesh.
+        // The folder of a contraction exists if it was used for any mesh.
         let holds = || work.place(CONTRACTED).exists() && work.inner(CONTRACTED).is_ok_and(|inner| inner.holds(TREE));
         return !contracted || holds();
     }
@@ -311,8 +311,8 @@ fn is_current(work: &WorkDir, contracted: bool) -> bool {
     })
 }
 
-/// The work directory of the contraction that the mesh in `work` was decided on; `None` where it was decided on the
-/// mesh itself, which is small, or with rows over all faces, `exact`.
+/// The work directory of the contraction on which the mesh in `work` was decided; `None` if the decision was on the
+/// mesh itself, since it is small or with `exact` rows over all faces.
 ///
 /// # Errors
 /// As [`WorkDir::inner`].
@@ -320,7 +320,7 @@ pub(super) fn contraction_in_use(work: &WorkDir, exact: bool) -> Result<Option<A
     (!exact && is_current(work, true)).then(|| work.inner(CONTRACTED)).transpose()
 }
 
-/// Reads a hierarchy of parts as [`write_tree`] writes it.
+/// Reads a hierarchy of parts as written by [`write_tree`].
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`].
@@ -328,7 +328,7 @@ pub fn read_tree(path: &Path) -> Result<PartTree> {
     checked(&json::read_small(path)?, path)
 }
 
-/// The hierarchy that `text`, the content of `path`, tells.
+/// Parses and checks the hierarchy in `text`, the content of `path`.
 fn checked(text: &[u8], path: &Path) -> Result<PartTree> {
     let wrong = |problem: String| Error::malformed(path, "tree", problem, "make it again: stage `tree`");
     let tree: PartTree = serde_json::from_slice(text).map_err(|error| wrong(error.to_string()))?;
@@ -346,7 +346,7 @@ pub fn write_tree(tree: &PartTree, path: &Path) -> Result<()> {
     json::write(path, tree)
 }
 
-/// The spectral numbers of the report, which deciding parts does not need itself: eigenvalues of the landmarks'
+/// The spectral numbers for the report, which the decision itself does not need: eigenvalues of the landmarks'
 /// affinities under the ensemble's middle width.
 fn numbers(sample: &Sample) -> SegmentStats {
     let sigma = 0.25 * sample.landmarks.mean();
@@ -372,7 +372,7 @@ mod tests {
 
     #[test]
     fn a_matrix_that_is_not_there_is_not_made_room_for() {
-        // Regression: n² numbers were allocated before they were missed.
+        // Regression: n² numbers were allocated before their absence was noticed.
         let n = 1 << 20;
         assert!(assembled(n, (0..n as u32).collect(), vec![1.; n], Vec::new(), PartTree::default()).is_none());
     }

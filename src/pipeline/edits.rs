@@ -1,9 +1,9 @@
-//! Edits applied to a mesh: from faces to cells, and from cells to corrected parts.
+//! Applies edits to a mesh: from faces to cells, and from cells to corrected parts.
 //!
-//! The faces at the places of edits ([`crate::apps::edits::PlacedEdits`]) become cells. Hints change the labelling of
-//! the decision ([`crate::cluster::parts::hints`]), the other edits follow in their order. All of it happens on cells;
-//! afterwards boundaries are refined as those of any cut. Cost: one pass over the nodes to find the faces, milliseconds
-//! on cells, and what refining takes.
+//! The faces at the places of edits ([`crate::apps::edits::PlacedEdits`]) are mapped to cells. Hints change the
+//! labelling of the decision ([`crate::cluster::parts::hints`]), the other edits follow in order. All of this happens
+//! on cells; afterwards boundaries are refined like those of any cut. Cost: one pass over the nodes to find the faces,
+//! milliseconds on cells, and the refinement.
 
 use crate::apps::edits::{Edit, Edits, PlacedEdits};
 use crate::base::sort::map_of;
@@ -16,38 +16,39 @@ use crate::graph::NodeOrder;
 use crate::store::Run;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Faces that a thread looks at in one go.
+/// Faces that a thread processes at once.
 const CHUNK: usize = 1 << 15;
-/// Cells across the band within which boundaries are refined, or more.
+/// Number of rings of cells along boundaries within which refinement may move a boundary; an upper bound.
 const BAND: usize = 3;
 
-/// What a person adds to the options of a run.
+/// A person's corrections, in addition to the options of a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Corrections<'a> {
     /// Edits, on the mesh.
     pub edits: Option<&'a PlacedEdits<'a>>,
     /// Hints painted on faces, one value per face of the file (n): equal values belong together, different ones apart,
-    /// 0 says nothing.
+    /// 0 means no hint.
     pub painted: Option<&'a [u32]>,
 }
 
-/// Names and colours of parts that a person has given.
+/// Names and colours that a person has given to parts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PartMarks {
-    /// Name of each part, empty where there is none; may end early.
+    /// Name of each part, empty if it has none; may be shorter than the number of parts.
     pub names: Vec<String>,
     /// Colour of some parts.
     pub colours: BTreeMap<u32, [u8; 3]>,
-    /// The file of edits that the parts are of.
+    /// The file of edits that produced the parts.
     pub edits: Option<String>,
-    /// Whether the parts are another cut than the options make of the hierarchy that is kept: corrected, or of another.
+    /// Whether the parts differ from the cut that the options give on the kept hierarchy: they are corrected, or cut
+    /// from another hierarchy.
     pub corrected: bool,
     /// The key of the decision that was cut.
     pub decision: Option<String>,
 }
 
 impl PartMarks {
-    /// The marks of the parts `kept` (K), numbered from 0.
+    /// The marks of only the parts `kept` (K), renumbered from 0.
     pub(super) fn of_parts(&self, kept: &[u32]) -> Self {
         let name = |part: &u32| self.names.get(*part as usize).cloned().unwrap_or_default();
         let colour = |(part, old): (u32, &u32)| Some((part, *self.colours.get(old)?));
@@ -59,9 +60,9 @@ impl PartMarks {
     }
 }
 
-/// What parts that are not wanted are called.
+/// The name of dropped parts.
 const DROPPED: &str = "dropped";
-/// Their colour.
+/// The colour of dropped parts.
 const DROPPED_COLOUR: [u8; 3] = [128; 3];
 
 impl Corrections<'_> {
@@ -74,10 +75,10 @@ impl Corrections<'_> {
         self.edits.map(|placed| placed.edits)
     }
 
-    /// The node of each face of each edit; there are `n`.
+    /// The node of each face of each edit; there are `n` nodes.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for edits that are on another mesh; [`Error::Cancelled`].
+    /// [`Error::Parameter`] for edits on another mesh; [`Error::Cancelled`].
     pub(super) fn nodes(&self, n: usize, order: &NodeOrder, run: &Run) -> Result<Vec<Vec<u32>>> {
         let Some(placed) = self.edits else { return Ok(Vec::new()) };
         let faces: BTreeSet<u32> = placed.faces.iter().flatten().copied().collect();
@@ -89,19 +90,19 @@ impl Corrections<'_> {
             .ok_or_else(|| Error::parameter("edits", "are not on this mesh", "place them on it"))
     }
 
-    /// Tells which hints, cuts and merges have two places, at `nodes`, in one part all the same, or in two: boundaries
-    /// are refined after parts were found on cells, and `labels` (n) are what came of it. Where later edits may have
-    /// joined or divided them, nothing is told.
+    /// Notes which hints, cuts and merges are not satisfied: their two places, at `nodes`, are still in one part, or in
+    /// two. This happens because boundaries are refined after parts were decided on cells; `labels` (n) are the final
+    /// labels. Edits whose parts later edits may have joined or divided are not reported.
     pub(super) fn tell_unmet(&self, nodes: &[Vec<u32>], labels: &[u32], run: &Run) {
         let Some(edits) = self.edits() else { return };
         let joins = |edit: &Edit| matches!(edit, Edit::Merge { .. } | Edit::Drop { .. });
         let divides = |edit: &Edit| matches!(edit, Edit::Split { .. } | Edit::Cut { .. });
         let (joined, divided) = (edits.edits.iter().rposition(joins), edits.edits.iter().rposition(divides));
         for (number, (edit, nodes)) in edits.edits.iter().zip(nodes).enumerate() {
-            // Hints come before all other edits.
+            // Hints are applied before all other edits.
             let joined_after = joined.is_some_and(|last| last > number || edit.is_hint());
             let divided_after = divided.is_some_and(|last| last > number || edit.is_hint());
-            // Whether two places in one part are what is not wanted, or two in two.
+            // Whether having both places in one part is the problem, or having them in two.
             let (in_one, problem) = match edit {
                 Edit::Apart { .. } | Edit::Cut { .. } if !joined_after => (true, "two of its places are in one part"),
                 Edit::Together { .. } | Edit::Merge { .. } if !divided_after => (false, "its places are in two parts"),
@@ -116,7 +117,7 @@ impl Corrections<'_> {
         }
     }
 
-    /// Refuses edits at nodes that are no part's, since `own` says of what has a label of its own.
+    /// Rejects edits at nodes that belong to no ordinary part, as `own` tests: they have a label of their own.
     ///
     /// # Errors
     /// [`Error::Malformed`] naming the edit.
@@ -131,7 +132,8 @@ impl Corrections<'_> {
         }
     }
 
-    /// The painted value of each cell (S), 0 for none: that of most of its painted faces. `cell` is the cell of a node.
+    /// The painted value of each cell (S), 0 for none: the most frequent value of its painted faces. `cell` is the cell
+    /// of a node.
     fn painted_cells(&self, order: &NodeOrder, cells: usize, cell: &dyn Fn(u32) -> u32) -> Result<Vec<u32>> {
         let Some(painted) = self.painted else { return Ok(Vec::new()) };
         let values = (0..painted.len() as u32).map(|node| (node, painted[order.face(node) as usize]));
@@ -146,13 +148,12 @@ impl Corrections<'_> {
         Ok(best.into_iter().map(|(_, value)| value).collect())
     }
 
-    /// Corrects `cut`, which was asked for by `asked`.
+    /// Corrects `cut`, the result of the options `asked`.
     ///
-    /// Where edits say which cut they start from and another is asked for, protected parts stay as they are there: what
-    /// is around them is cut into the rest of the parts along the hierarchy.
-    ///
+    /// If the edits state from which cut they start and another one is requested, protected parts stay as they are in
+    /// the former: their surroundings are cut into the remaining number of parts along the hierarchy.
     /// # Errors
-    /// [`Error::Malformed`] naming the edit that cannot be followed.
+    /// [`Error::Malformed`] naming the edit that cannot be applied.
     pub(super) fn apply(
         &self,
         surface: OnCells<'_>,
@@ -190,30 +191,30 @@ impl Corrections<'_> {
     }
 }
 
-/// Given a label per cell and some nodes: the part of each of these nodes once boundaries are refined.
+/// Returns the part of each of some nodes after refinement of boundaries, given a label per cell.
 pub(super) type PartsSeen<'a> = &'a dyn Fn(&[u32], &[u32]) -> Result<Vec<u32>>;
 
-/// A surface on which edits are followed.
+/// A surface on which edits are applied.
 #[derive(Clone, Copy)]
 pub(super) struct OnCells<'a> {
-    /// The nodes of [`Corrections::nodes`].
+    /// The nodes from [`Corrections::nodes`].
     pub nodes: &'a [Vec<u32>],
-    /// Where the faces of the file are among the nodes.
+    /// Maps faces of the file to nodes.
     pub order: &'a NodeOrder,
     /// The cell of a node.
     pub cell: &'a dyn Fn(u32) -> u32,
-    /// The parts of some nodes under labels of cells, once boundaries are refined.
+    /// The parts of some nodes under given cell labels, after refinement of boundaries.
     pub seen: PartsSeen<'a>,
-    /// How far cells belong together.
+    /// How strongly cells belong together.
     pub affinities: Affinities<'a>,
-    /// Their hierarchy.
+    /// The hierarchy of the cells.
     pub tree: &'a PartTree,
 }
 
 impl OnCells<'_> {
-    /// The cells that stand for the places of each edit, where the cut that they are made on is `label` (S): the cell
-    /// of the place, or the nearest one of the part that a person sees there. Refined boundaries do not follow cells,
-    /// so a place beside a boundary may lie in a cell of the part on the other side.
+    /// The cells for the places of each edit, if the edits are based on the cut `label` (S): the cell at the place, or
+    /// the nearest cell of the part that a person sees there. Refined boundaries do not follow cells, so a place near a
+    /// boundary may lie in a cell of the part on the other side.
     fn places(&self, label: &[u32]) -> Result<Vec<Vec<u32>>> {
         let pairs = &self.affinities.cells.pairs;
         let mut beside = vec![false; label.len()];
@@ -237,8 +238,8 @@ impl OnCells<'_> {
     }
 }
 
-/// The cell of `part` with the fewest steps from `cell`, which is that itself if it is of the part, or
-/// of nothing else in reach.
+/// The cell of `part` with the fewest steps from `cell`: `cell` itself if it is in the part, or if no cell of the part
+/// is reachable.
 fn nearest_cell(pairs: &[[u32; 2]], label: &[u32], cell: u32, part: u32) -> u32 {
     let mut reached = BTreeSet::from([cell]);
     loop {
@@ -261,7 +262,7 @@ fn nearest_cell(pairs: &[[u32; 2]], label: &[u32], cell: u32, part: u32) -> u32 
     }
 }
 
-/// The cut that `edits` say they start from, of `cells` cells, where they protect parts of it.
+/// The cut of `cells` cells from which `edits` start, if they protect parts of it.
 fn start(edits: &Edits, cells: usize) -> Option<(PartCount, f64)> {
     if !edits.edits.iter().any(|edit| matches!(edit, Edit::Protect { .. })) {
         return None;
@@ -270,7 +271,8 @@ fn start(edits: &Edits, cells: usize) -> Option<(PartCount, f64)> {
     Some(exactly.unwrap_or((PartCount::Found, edits.detail.unwrap_or(0.))))
 }
 
-/// The label of each cell in `parts` parts, of which some are `kept`, by the edits that protect them in `own`.
+/// The label of each cell when cut into `parts` parts, some of which are `kept`, namely those of `own` that `edits`
+/// protect.
 fn around(edits: &Edits, tree: &PartTree, own: &State<'_>, kept: &[Option<usize>], parts: usize) -> Result<Vec<u32>> {
     let ids: Vec<u32> = own.protected.keys().copied().filter(|part| own.label.contains(part)).collect();
     let outside: Vec<u32> = (0..kept.len() as u32).filter(|&cell| kept[cell as usize].is_none()).collect();
@@ -301,7 +303,7 @@ fn nodes_of(faces: &BTreeSet<u32>, n: usize, order: &NodeOrder, run: &Run) -> Re
     Ok(map_of(found.into_iter().flatten()))
 }
 
-/// The labelling of cells that the hints of `edits`, but for those `done` before, and the painted values want.
+/// The labelling of cells that satisfies the hints of `edits`, except those already `done`, and the painted values.
 fn hinted(
     edits: &Edits,
     cells: &[Vec<u32>],
@@ -310,7 +312,7 @@ fn hinted(
     affinities: Affinities<'_>,
     label: &[u32],
 ) -> Result<Vec<u32>> {
-    // The edit that each group is of; none for painted values.
+    // The edit of each group; `None` for painted values.
     let (mut hints, mut of_edit) = (Hints::default(), Vec::new());
     for (number, edit) in edits.edits.iter().enumerate().filter(|(number, edit)| edit.is_hint() && !done[*number]) {
         let first = hints.groups.len();
@@ -354,7 +356,7 @@ fn hinted(
     Ok(new)
 }
 
-/// Parts while edits are followed. A part is known by a number that it keeps as long as it lives.
+/// Parts while edits are applied. Each part is identified by a number that never changes.
 struct State<'a> {
     edits: &'a Edits,
     cells: &'a [Vec<u32>],
@@ -383,7 +385,7 @@ impl<'a> State<'a> {
         Self { edits, cells, affinities, tree, label, next, names, colours, dropped, protected }
     }
 
-    /// Follows edit `number`.
+    /// Applies edit `number`.
     fn follow(&mut self, number: usize) -> Result<()> {
         let cells = &self.cells[number];
         let part = |cell: u32| self.label[cell as usize];
@@ -398,7 +400,7 @@ impl<'a> State<'a> {
                     others.iter().try_for_each(|&other| self.check(number, other))?;
                     let before: Vec<u32> = cells.iter().map(|&cell| part(cell)).collect();
                     self.label.iter_mut().filter(|label| others.contains(label)).for_each(|label| *label = first);
-                    // The part keeps what was said of any of its places, of the first one before others.
+                    // The merged part keeps the name and colour of its places, with priority for the first one.
                     for other in before {
                         if let Some(name) = self.names.remove(&other) {
                             self.names.entry(first).or_insert(name);
@@ -457,7 +459,7 @@ impl<'a> State<'a> {
         Ok(())
     }
 
-    /// Refuses to change a part that is protected.
+    /// Rejects a change to a protected part.
     fn check(&self, number: usize, part: u32) -> Result<()> {
         let Some(by) = self.protected.get(&part) else { return Ok(()) };
         let problem = format!("would change a part that edit {} protects", by + 1);
@@ -466,7 +468,7 @@ impl<'a> State<'a> {
 
     /// The parts, numbered by first appearance, dropped ones last.
     fn finish(mut self) -> (TreeCut, PartMarks) {
-        // A part that was merged away is on no cell any more.
+        // A part that was merged into another has no cells left.
         let live: BTreeSet<u32> = self.label.iter().copied().collect();
         self.dropped.retain(|part| live.contains(part));
         let kept: Vec<u32> = self.label.iter().copied().filter(|part| !self.dropped.contains(part)).collect();

@@ -1,7 +1,7 @@
-//! The embedding of all faces as an array, for other programs: `embedding.npy` (faces × d), in the order of the file.
+//! The embedding of all faces as an array, for other programs: `embedding.npy` (faces × d), in file order.
 //!
-//! `segment` never needs it whole: it extrapolates a chunk at a time. Cost: one pass over `[A B]`; 4 d
-//! bytes of disk for each face.
+//! `segment` never needs it as a whole: it extrapolates chunk by chunk. Cost: one pass over `[A B]`; 4 d bytes of disk
+//! per face.
 
 use super::contracted;
 use super::params::{Cluster, SegmentParams, default_landmarks_for_parts};
@@ -20,38 +20,38 @@ use serde_json::{Value, json};
 /// The array of all faces.
 pub const FILE: &str = "embedding.npy";
 
-/// What an embedding was made with and what it tells.
+/// Parameters and results of an embedding.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct EmbeddingFacts {
     /// Its options.
     pub params: EmbeddingParams,
-    /// Coordinates d: what was asked for, or as many as there are.
+    /// Coordinates d: as many as requested, or fewer if there are not as many.
     pub dimensions: usize,
     /// The kernel's width in distance units.
     pub sigma: f64,
     /// Eigenvalues, descending.
     pub eigenvalues: Vec<f64>,
-    /// Key of the rows behind it.
+    /// Key of the rows it was computed from.
     rows: String,
 }
 
-/// What the embedding in `work` was made with, where there is one that is whole and of the rows that are there now.
+/// The facts of the embedding in `work`, if there is one that is complete and based on the current rows.
 pub fn kept(work: &WorkDir) -> Option<EmbeddingFacts> {
     let facts = work.kept::<EmbeddingStage<'_>>("").ok()?.facts;
     DistanceRows::kept_key(work).is_some_and(|rows| rows == facts.rows).then_some(facts)
 }
 
-/// Options of the embedding in `work`, of whatever rows it is.
+/// Options of the embedding in `work`, whatever its rows.
 pub fn kept_params(work: &WorkDir) -> Option<EmbeddingParams> {
     told(work).map(|facts| facts.params)
 }
 
-/// The same where it is of the rows `rows`.
+/// The same if it is based on the rows `rows`.
 pub(super) fn params_over(rows: &str, work: &WorkDir) -> Option<EmbeddingParams> {
     told(work).filter(|facts| facts.rows == rows).map(|facts| facts.params)
 }
 
-/// What the manifest tells of the embedding, unless somebody altered it.
+/// The facts recorded in the manifest, if they are valid.
 fn told(work: &WorkDir) -> Option<EmbeddingFacts> {
     work.told::<EmbeddingStage<'_>>().filter(|facts| facts.params.check().is_ok())
 }
@@ -101,10 +101,11 @@ impl Stage for EmbeddingStage<'_> {
     }
 }
 
-/// Embeds all faces of the mesh in `work` from the rows that are there, or that `method` asks for where there are none.
+/// Embeds all faces of the mesh in `work` with the existing rows, or with those that `method` requires if there are
+/// none.
 ///
 /// # Errors
-/// [`crate::base::Error::WorkDir`] where the graph is missing, [`crate::base::Error::Parameter`],
+/// [`crate::base::Error::WorkDir`] if the graph is missing, [`crate::base::Error::Parameter`],
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'_>) -> Result<EmbeddingFacts> {
     let (graph, input) = DualGraph::kept(context.work)?;
@@ -113,7 +114,7 @@ pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'
     context.stage(EmbeddingStage { graph: &graph, order: &order, rows: &rows, params })
 }
 
-/// The same of the mesh `opened`. A temporary directory may have given up its graph, which is then made once more.
+/// The same for the mesh `opened`. A temporary directory may have deleted its graph, which is then rebuilt.
 ///
 /// # Errors
 /// As [`embed`], and those of [`DualGraph::build`].
@@ -131,7 +132,7 @@ pub fn embed_again(
     embed(params, method, context)
 }
 
-/// The rows that are there, or new ones: where the method is K-means over all faces, those that it takes.
+/// The existing rows, or new ones: if the method is K-means over all faces, those that it uses.
 fn kept_or_new_rows(
     graph: &DualGraph,
     parts: usize,
@@ -153,7 +154,7 @@ fn kept_or_new_rows(
     rows(graph, &weighted, l.unwrap_or(default_landmarks_for_parts(parts)), method, context)
 }
 
-/// Extrapolates every face, a chunk at a time.
+/// Extrapolates all faces, chunk by chunk.
 fn write(rows: &DistanceRows, embedding: &Embedding, order: &NodeOrder, context: Context<'_>) -> Result<()> {
     let d = embedding.dimensions;
     let mut array = context.work.array::<f32>(FILE, &[rows.nodes, d])?;

@@ -1,11 +1,11 @@
-//! Coarse meshes are refined on finer ones.
+//! Refines coarse meshes before matching.
 //!
-//! A hundred functions on a few hundred vertices are not orthonormal by area, and a map between them is not determined
-//! by so few matches: refinement made the matches of meshes of 250 vertices worse (.0182 to .0301 √area on average). So
-//! a mesh of fewer than [`FEW`] vertices is subdivided, each triangle into four, until it has as many (.0123). The
+//! A hundred functions on a few hundred vertices are not orthonormal by area, and so few matches do not determine a map
+//! between them: refinement made the matches of meshes of 250 vertices worse (.0182 to .0301 √area on average). So a
+//! mesh of fewer than [`FEW`] vertices is subdivided, each triangle into four, until it has as many (.0123). The
 //! surface stays the same. The vertices of the file come first, and only these are matched in the end.
 //!
-//! Cost: meshes of up to 4 × [`FEW`] vertices, held in memory.
+//! Cost: meshes of up to 4 × [`FEW`] vertices in memory.
 
 use super::sides::{CorrespondParams, LOCAL_SAMPLES, Side};
 use crate::base::Result;
@@ -14,13 +14,13 @@ use crate::mesh::Mesh;
 use crate::store::{Context, Run};
 use std::collections::HashMap;
 
-/// Vertices from which a mesh is fine enough.
+/// Minimum number of vertices of a sufficiently fine mesh.
 const FEW: usize = 2 * LOCAL_SAMPLES;
 
-/// A mesh that was subdivided.
+/// A subdivided mesh.
 pub(super) struct Finer {
     mesh: Mesh,
-    /// For each of its vertices one of the file that is near.
+    /// For each of its vertices a nearby vertex of the file.
     origin: Vec<u32>,
 }
 
@@ -45,18 +45,18 @@ impl Finer {
         Ok(Some(Self { mesh: Mesh::from_vecs(positions, faces)?, origin }))
     }
 
-    /// It made ready, in the folder of the `side` that it was made of.
+    /// Prepares the subdivided mesh, in the folder of the `side` that it was made from.
     pub(super) fn side(&self, side: &Side<'_>, params: &CorrespondParams, run: &Run) -> Result<Side<'_>> {
         Side::build(&self.mesh, None, params, "finer", Context::new(&side.work, run))
     }
 
-    /// A map of the file's vertices, for all vertices.
+    /// Extends a map of the file's vertices to all vertices.
     pub(super) fn extended(&self, map: &[Option<u32>]) -> Vec<Option<u32>> {
         self.origin.iter().map(|&v| map[v as usize]).collect()
     }
 }
 
-/// Four triangles for each of `faces`; the middle of an edge is a vertex of both triangles beside it.
+/// Four triangles for each of `faces`; the midpoint of an edge is shared by both adjacent triangles.
 fn quartered(faces: &[[u32; 3]], positions: &mut Vec<[f64; 3]>, origin: &mut Vec<u32>) -> Vec<[u32; 3]> {
     let mut middles = HashMap::new();
     let mut middle = |a: u32, b: u32| {

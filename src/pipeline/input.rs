@@ -1,4 +1,4 @@
-//! Which mesh a work directory is of, and the first stages over it, common to all commands.
+//! The identity of a work directory's mesh, and the first stages on it, common to all commands.
 
 use super::params::{Cluster, SegmentParams};
 use crate::base::parallel::lock;
@@ -17,13 +17,13 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::Xxh3;
 
-/// What standard input is spooled to in a work directory.
+/// The file in a work directory to which standard input is copied.
 pub const SPOOLED: &str = "input";
 /// Bytes hashed at either end of the file.
 const END: u64 = 1 << 20;
 
-/// What identifies an input without reading all of it: size, times of change of content and of status, and a hash of
-/// its first and last mebibyte. Times that differ say nothing: the file may have been copied.
+/// Identifies an input without reading all of it: size, times of change of content and of status, and a hash of its
+/// first and last mebibyte. A difference in times alone proves nothing: the file may have been copied.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Unusable`] for a pipe.
@@ -50,8 +50,8 @@ pub fn identity(path: &Path) -> Result<Value> {
     }))
 }
 
-/// What identifies the content of the input at `path`, wherever it lies and whenever it was copied there: its size and
-/// a hash of all of it, which takes as long as reading it.
+/// Identifies the content of the input at `path`, independent of its location and of copying: its size and a hash of
+/// all of it, which takes as long as reading it.
 ///
 /// # Errors
 /// As [`identity`].
@@ -59,7 +59,7 @@ pub fn content(path: &Path) -> Result<Value> {
     content_as_seen(path, &identity(path)?, None)
 }
 
-/// The same of the file whose [`identity`] is `seen`, as `record` has it where that is what its run saw.
+/// The same for the file whose [`identity`] is `seen`; taken from `record` if its run saw the same identity.
 fn content_as_seen(path: &Path, seen: &Value, record: Option<&Record>) -> Result<Value> {
     match record.filter(|record| record.seen == *seen) {
         Some(record) => Ok(record.identity.clone()),
@@ -67,8 +67,8 @@ fn content_as_seen(path: &Path, seen: &Value, record: Option<&Record>) -> Result
     }
 }
 
-/// What identifies the input at `path` in the work directory `work`: its content in one that lasts, as the record has
-/// it where nothing has changed since that was made.
+/// The identity of the input at `path` for the work directory `work`. In a kept directory it is the content, taken from
+/// the record if nothing has changed since.
 ///
 /// # Errors
 /// As [`identity`].
@@ -78,12 +78,12 @@ pub fn identity_in(path: &Path, work: &WorkDir) -> Result<Value> {
         return Ok(seen);
     }
     let content = content_as_seen(path, &seen, Record::read(work).ok().as_ref())?;
-    // For the record: a file that changed since it was seen, however long the run takes, is read anew by the next one.
+    // For the record: if the file changes after this point, however long the run takes, the next run reads it again.
     *lock(&work.input) = seen;
     Ok(content)
 }
 
-/// [`content`], as `record` has it where nothing has changed since the run that made it began.
+/// [`content`], taken from `record` if nothing has changed since its run began.
 ///
 /// # Errors
 /// As [`identity`].
@@ -91,23 +91,23 @@ pub fn recorded_or_content(path: &Path, record: Option<&Record>) -> Result<Value
     content_as_seen(path, &identity(path)?, record)
 }
 
-/// Whether two identities in work directories that last are of the same content.
+/// Whether two identities in kept work directories denote the same content.
 pub fn same(a: &Value, b: &Value) -> bool {
     ["bytes", "whole", "stdin", "content"].iter().all(|key| a[key] == b[key])
 }
 
-/// The stage that leaves the record.
+/// The stage that writes the record.
 const RECORD: &str = "record";
-/// Version of what the record tells.
+/// Version of the record's content.
 const RECORD_VERSION: u32 = 2;
 
-/// Which mesh a work directory is of, and under which options it was made.
+/// Which mesh a work directory belongs to, and the options it was made with.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Record {
-    /// Where the mesh lies. A name that is no UTF-8 is kept with what of it can be told; the mesh has to be named then.
+    /// Location of the mesh. A name that is not UTF-8 is stored lossily; the mesh must then be given explicitly.
     #[serde(serialize_with = "told")]
     pub mesh: PathBuf,
-    /// Which input it is ([`identity_in`]).
+    /// Identity of the input ([`identity_in`]).
     pub identity: Value,
     /// The [`identity`] of its file before the run read it; null for standard input and arrays.
     pub seen: Value,
@@ -125,14 +125,14 @@ impl Record {
     /// The record of a run; the seed is filled in by [`Record::stamp`].
     pub(super) fn of(opened: &Mesh, identity: &Value, params: &SegmentParams, work: &WorkDir) -> Self {
         let path = opened.path();
-        // Standard input lies in the work directory, where it was spooled to.
+        // Standard input was copied into the work directory.
         let path = if identity.get("stdin").is_some() { work.file(SPOOLED) } else { path.to_path_buf() };
         let mesh = std::path::absolute(&path).unwrap_or(path);
         let seen = if identity.get("whole").is_some() { lock(&work.input).clone() } else { Value::Null };
         Self { mesh, identity: identity.clone(), seen, params: params.clone(), seed: 0 }
     }
 
-    /// Leaves the record in `work`.
+    /// Writes the record to `work`.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -145,17 +145,17 @@ impl Record {
         context.work.stamp(StageKey::new(RECORD, RECORD_VERSION, inputs), &[], &self, 0.)
     }
 
-    /// Whether the mesh came from standard input, and lies in the work directory.
+    /// Whether the mesh came from standard input and lies in the work directory.
     pub fn is_spooled(&self) -> bool {
         self.identity.get("stdin").is_some()
     }
 
-    /// Where the mesh lies: what came from standard input in the work directory, which is in `folder` by now.
+    /// Location of the mesh; if it came from standard input, inside the work directory, which is now at `folder`.
     pub fn path(&self, folder: &Path) -> PathBuf {
         if self.is_spooled() { folder.join(SPOOLED) } else { self.mesh.clone() }
     }
 
-    /// Whether the file at `path` is the mesh still, or a copy of it.
+    /// Whether the file at `path` is still that mesh, or a copy of it.
     ///
     /// # Errors
     /// As [`identity`].
@@ -169,7 +169,7 @@ impl Record {
     /// The record in `work`.
     ///
     /// # Errors
-    /// [`Error::WorkDir`] where there is none.
+    /// [`Error::WorkDir`] if there is none.
     pub fn read(work: &WorkDir) -> Result<Self> {
         let remedy = "make it first: stage `record`";
         let stage = work.manifest().stages.remove(RECORD);
@@ -193,25 +193,25 @@ impl Record {
     }
 }
 
-/// Where the mesh of the record in `work` lies, whatever version of the program made it: of the record of another one
-/// nothing else is known.
+/// Location of the mesh in the record of `work`, whatever program version wrote it; for other versions nothing else is
+/// known.
 pub fn recorded_mesh(work: &WorkDir) -> Option<PathBuf> {
     work.manifest().stages.remove(RECORD)?.facts["mesh"].as_str().map(PathBuf::from)
 }
 
-/// Bytes of graph and normals a triangle, where geometry is an array.
+/// Bytes of graph and normals per triangle, if geometry is stored.
 const WITH_ARRAYS: u64 = 80;
 
-/// Whether the graph's geometry is computed from the mesh at each look: by the default method on a large
-/// mesh, by K-means and 2-means, if arrays would be more than the kernel can keep in memory, in a work
-/// directory that is `temporary`.
+/// Whether the graph's geometry is computed from the mesh at each access: in a `temporary` work directory, if stored
+/// arrays would exceed what the kernel can keep in memory, by K-means and 2-means, and by the default method on a large
+/// mesh.
 pub(super) fn computes(params: &SegmentParams, faces: usize, temporary: bool, run: &Run) -> bool {
     temporary
         && (params.contracts(faces) || params.cluster != Cluster::Parts)
         && WITH_ARRAYS * faces as u64 > run.resident
 }
 
-/// Orders the mesh and builds its graph, or opens both; leaves a record of mesh and options for later commands.
+/// Orders the mesh and builds its graph, or opens both; writes a record of mesh and options for later commands.
 ///
 /// # Errors
 /// [`crate::base::Error::Unusable`] for too large meshes, [`crate::base::Error::Io`], [`crate::base::Error::Memory`],
@@ -237,7 +237,7 @@ pub fn graph(
 mod tests {
     use super::*;
 
-    /// What a file was is told by when it was seen last, and that was after its graph was made.
+    /// The file's identity is taken before its graph is built, so a later replacement is noticed.
     #[test]
     fn a_mesh_that_is_replaced_while_its_graph_is_made_is_another_one_to_the_next_run() {
         let dir = tempfile::tempdir().unwrap();
@@ -264,7 +264,7 @@ mod tests {
         assert!(!same(&look(), &of_first) && !made.is_of(&path).unwrap());
         write(&path, 1);
         assert!(same(&look(), &of_first) && made.is_of(&path).unwrap());
-        // It has not changed since: it is not read again.
+        // It has not changed since, so it is not read again.
         assert_eq!(record().seen, identity(&path).unwrap());
     }
 }

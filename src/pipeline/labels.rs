@@ -1,7 +1,7 @@
-//! What cutting gives: one label per face in the order of the file, confidences, colours, and the numbers behind them.
+//! The result of cutting: one label per face in file order, confidences, colours, and the numbers for the report.
 //!
-//! Labels are brought from the order of the graph's nodes into that of the file, parts that touch get colours that
-//! differ, and both stay in the work directory for `export`. Cost: two passes over the labels, one over the graph.
+//! Labels are brought from node order into file order, adjacent parts get different colours, and both are kept in the
+//! work directory for `export`. Cost: two passes over the labels, one over the graph.
 
 use super::edits::PartMarks;
 use super::params::SegmentParams;
@@ -28,14 +28,14 @@ use std::collections::BTreeMap;
 const CHUNK: usize = 1 << 15;
 /// The labels.
 pub const LABELS: &str = "labels.npy";
-/// How sure they are.
+/// The confidences.
 pub(super) const QUALITY: &str = "quality.npy";
-/// The stage that makes them.
+/// The stage that writes them.
 pub(super) const STAGE: &str = "labels";
-/// Version of the algorithm that decides parts, above the cells that it is given.
+/// Version of the algorithm that decides on parts, given the cells.
 pub(super) const DECISION_VERSION: u32 = 18;
-/// Version of the algorithms that labels come from: grows with that of boundaries and colours, the first number, and
-/// with those of all stages before them. Labels of an older program are refused where they would be read.
+/// Version of the algorithms behind labels: the sum of that of boundaries and colours, the first number, and those of
+/// all earlier stages. Labels of an older program are rejected when read.
 pub const LABELS_VERSION: u32 = 8
     + DECISION_VERSION
     + GraphStage::VERSION
@@ -43,15 +43,15 @@ pub const LABELS_VERSION: u32 = 8
     + SurfaceStage::VERSION
     + RowsStage::VERSION
     + Contraction::VERSION;
-/// The colour of tiny components that are a part of their own.
+/// The colour of tiny components that form a part of their own.
 const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
 
-/// Numbers that the stages leave for the report.
+/// Numbers from the stages for the report.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SegmentStats {
     /// Landmark faces (l).
     pub landmarks: Vec<u32>,
-    /// How they were chosen, where that is decided on the way.
+    /// How they were chosen, if that was decided during the run.
     #[serde(default)]
     pub sampling: Option<Sampling>,
     /// The kernel's width.
@@ -64,43 +64,43 @@ pub struct SegmentStats {
     pub negative_mass: f64,
     /// Γ, eq. 6.
     pub gamma: f64,
-    /// Γ over the number of nodes that it is summed over: faces, or nodes of the contraction.
+    /// Γ divided by the number of nodes that it is summed over: faces, or nodes of the contraction.
     #[serde(default)]
     pub gamma_per_node: f64,
     /// Faces of each part.
     pub faces: Vec<u64>,
     /// Area of each part, in the frame.
     pub area: Vec<f64>,
-    /// What deciding parts has to tell.
+    /// Figures of the decision on parts.
     pub decision: Option<PartsReport>,
-    /// Radius of the normals that turning is measured with; 0: the faces' own.
+    /// Radius of the normals used for measuring turning; 0: the faces' own.
     pub radius: f32,
     /// Faces of components too small to be parts.
     #[serde(rename = "tiny_components")]
     pub tiny_faces: u64,
-    /// The label that they have in common, where they are not to join parts.
+    /// The common label of tiny components, if they do not join parts.
     pub tiny_components_label: Option<u32>,
-    /// The label that the walls of cavities have in common, where they are not to follow the outside.
+    /// The common label of walls of cavities, if they do not follow the outside.
     #[serde(default)]
     pub walls_label: Option<u32>,
 }
 
 impl SegmentStats {
-    /// Share of people who are expected to have each part; empty where that is not known.
+    /// Share of people expected to have each part; empty if unknown.
     pub fn expected_agreement(&self) -> &[f64] {
         self.decision.as_ref().map_or(&[], |decision| &decision.expected_agreement)
     }
 }
 
-/// Labels and the numbers learned on the way to them.
+/// Labels and the numbers computed with them.
 pub(super) struct Clustered {
     pub labels: MappedSlice<u32>,
-    /// Nodes with a neighbour of another label, ascending, where they are known.
+    /// Nodes with a neighbour of another label, ascending, if known.
     pub boundary_nodes: Option<Vec<u32>>,
     pub quality: MappedSlice<f32>,
     pub numbers: SegmentStats,
     pub marks: PartMarks,
-    /// Part of each cell (S), where parts are decided on cells.
+    /// Part of each cell (S), if parts are decided on cells.
     pub cell_labels: Vec<u32>,
 }
 
@@ -111,18 +111,17 @@ pub struct Part {
     pub label: u32,
     /// Its faces.
     pub faces: u64,
-    /// Its area, in the square of the file's unit.
+    /// Its area, in the squared unit of the file.
     pub area: f64,
     /// Its colour.
     pub colour: [u8; 3],
-    /// Share of people who are expected to have such a part, 0 to 1; absent where the parts are
-    /// not the decision's alone.
+    /// Share of people expected to have such a part, 0 to 1; absent if the parts are not those of the decision.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expected_agreement: Option<f64>,
-    /// Whether that is less than half: a band, a sliver, a crumb, or a boundary where the surface has none.
+    /// Whether that is less than half: a band, a sliver, a crumb, or a boundary without a basis in the surface.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unsure: Option<bool>,
-    /// Its name, where it has one.
+    /// Its name, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
 }
@@ -130,26 +129,26 @@ pub struct Part {
 /// A segmented mesh.
 #[derive(Clone, Debug)]
 pub struct SegmentedMesh {
-    /// One part per face, in the order of the file (n).
+    /// One part per face, in file order (n).
     pub labels: MappedSlice<u32>,
-    /// How sure each label is, 0 to 1 (n).
+    /// The confidence of each label, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
-    /// One colour per part; neighbours differ.
+    /// One colour per part; adjacent parts differ.
     pub colours: Vec<[u8; 3]>,
-    /// Name of each part, empty where it has none; empty as a whole where no part has one.
+    /// Name of each part, empty if it has none; the list is empty if no part has one.
     pub names: Vec<String>,
-    /// Part of each cell (S), before boundaries were refined; empty where parts are not decided on cells.
+    /// Part of each cell (S), before refinement of boundaries; empty if parts are not decided on cells.
     pub cell_labels: Vec<u32>,
     /// How good the file's order was, and whether it was kept.
     pub order: OrderFacts,
-    /// What the graph learned of the mesh.
+    /// Facts about the mesh from building the graph.
     pub graph: GraphFacts,
     /// The numbers behind the report.
     pub numbers: SegmentStats,
 }
 
 impl SegmentedMesh {
-    /// Labels, colours, confidences and names as writers take them.
+    /// Labels, colours, confidences and names in the form that writers take.
     pub fn labelling(&self) -> Labelling<'_> {
         Labelling { labels: &self.labels, colours: &self.colours, quality: Some(&self.quality), names: &self.names }
     }
@@ -178,8 +177,8 @@ pub(super) fn stage_key(graph: &DualGraph, params: &SegmentParams, seed: u64) ->
     StageKey::new(STAGE, LABELS_VERSION, json!({"graph": graph.key, "params": params, "seed": seed}))
 }
 
-/// Has the manifest forget the labels, whose files are about to be written: should the run be killed meanwhile, they
-/// have to be made again, and are not damaged. What it said of them is returned.
+/// Removes the labels from the manifest, since their files are about to be written: if the run is killed meanwhile,
+/// they count as missing rather than damaged. Returns their record.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`].
@@ -187,8 +186,8 @@ pub(super) fn begin(work: &WorkDir) -> Result<Option<StageRecord>> {
     work.give_up(STAGE)
 }
 
-/// Brings labels into the order of the file, colours the parts and stamps the result. Who makes the labels calls
-/// [`begin`] before.
+/// Brings labels into file order, colours the parts and records the result. The caller calls [`begin`] before it writes
+/// labels.
 pub(super) fn label(
     graph: &DualGraph,
     order: NodeOrder,
@@ -230,7 +229,7 @@ pub(super) fn label(
     Ok(result)
 }
 
-/// Keeps `result` in place of what the work directory has kept of it so far: names or colours have been changed since.
+/// Records `result` again after names or colours have been changed.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`].
@@ -238,8 +237,8 @@ pub fn keep(result: &SegmentedMesh, context: Context<'_>) -> Result<()> {
     keep_as(context.work.manifest().stages.remove(STAGE), result, context.work)
 }
 
-/// Keeps `result`, whose labels lie in the work directory as [`LABELS`], in place of what `stage` tells of, which
-/// [`begin`] has returned.
+/// Records `result`, whose labels are in the work directory as [`LABELS`], in place of the record `stage` returned by
+/// [`begin`].
 pub(super) fn keep_as(stage: Option<StageRecord>, result: &SegmentedMesh, work: &WorkDir) -> Result<()> {
     let Some(stage) = stage else { return Ok(()) };
     let before = serde_json::from_value::<LabelFacts>(stage.facts).unwrap_or_default();
@@ -247,33 +246,34 @@ pub(super) fn keep_as(stage: Option<StageRecord>, result: &SegmentedMesh, work: 
     work.stamp(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), ..before }, 0.)
 }
 
-/// The options that the labels in `work` were made under; `cluster` may have been given others than the record tells.
+/// The options used for the labels in `work`; `cluster` may have been run with others than those in the record.
 pub fn method(work: &WorkDir) -> Option<SegmentParams> {
     let stage = work.manifest().stages.remove(STAGE)?;
     serde_json::from_value(stage.inputs.get("params")?.clone()).ok()
 }
 
-/// Labels of a work directory, as `cluster` left them.
+/// Labels of a work directory, as written by `cluster`.
 #[derive(Clone, Debug)]
 pub struct Labels {
-    /// One part per face, in the order of the file (n).
+    /// One part per face, in file order (n).
     pub labels: MappedSlice<u32>,
-    /// How sure each label is, 0 to 1 (n).
+    /// The confidence of each label, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
     /// The parts, by label.
     pub parts: Vec<Part>,
-    /// The edits that they are of.
+    /// The edits that produced them.
     pub edits: Option<Edits>,
-    /// Whether they are another cut than the options make of the hierarchy that is kept: corrected, or of another.
+    /// Whether they differ from the cut that the options give on the kept hierarchy: they are corrected, or cut from
+    /// another hierarchy.
     pub corrected: bool,
 }
 
-/// What the manifest keeps of labels.
+/// What the manifest records of labels.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 struct LabelFacts {
     /// The parts, by label.
     pub parts: Vec<Part>,
-    /// The file of edits that the labels are of.
+    /// The file of edits that produced the labels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edits: Option<String>,
     /// [`PartMarks::corrected`].
@@ -284,7 +284,7 @@ struct LabelFacts {
     pub decision: Option<String>,
 }
 
-/// The key of the decision that the labels in `work` were cut from, where they tell one.
+/// The key of the decision from which the labels in `work` were cut, if recorded.
 pub(super) fn decision_of(work: &WorkDir) -> Option<String> {
     let stage = work.manifest().stages.remove(STAGE)?;
     Some(stage.facts.get("decision")?.as_str()?.to_string())
@@ -294,7 +294,7 @@ impl Labels {
     /// The labels in `work`.
     ///
     /// # Errors
-    /// [`crate::base::Error::WorkDir`] where there are none.
+    /// [`crate::base::Error::WorkDir`] if there are none.
     pub fn read(work: &WorkDir) -> Result<Self> {
         let remedy = "make them first: stage `labels`";
         let facts = work.recorded::<LabelFacts>(STAGE, LABELS_VERSION, remedy)?.facts;
@@ -310,15 +310,15 @@ impl Labels {
         self.parts.iter().map(|part| part.colour).collect()
     }
 
-    /// One name per part, empty where it has none; none at all where no part has one.
+    /// One name per part, empty if it has none; an empty list if no part has one.
     pub fn names(&self) -> Vec<String> {
         let some = self.parts.iter().any(|part| part.name.is_some());
         self.parts.iter().filter(|_| some).map(|part| part.name.clone().unwrap_or_default()).collect()
     }
 }
 
-/// Pairs of touching parts, ascending, with the length of their common boundary in the frame (at least 1e-9).
-/// `boundary_nodes` are those with a neighbour of another label, ascending; without them all nodes are looked at.
+/// Pairs of adjacent parts, ascending, with the length of their common boundary in the frame (at least 1e-9).
+/// `boundary_nodes` are those with a neighbour of another label, ascending; without them all nodes are examined.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].

@@ -1,10 +1,10 @@
-//! Parts of a labelled mesh found again on others of its kind: another scan, another pose.
+//! Transfers the parts of a labelled mesh to others of its kind: another scan, another pose.
 //!
-//! Where both meshes lie in the same place, each face takes the label of the nearest face of the reference
+//! If both meshes occupy the same position in space, each face takes the label of the nearest face of the reference
 //! ([`crate::apps::transfer`]). Otherwise vertices are matched by their spectral embeddings ([`super::correspond`]).
-//! What is carried over is a hint for every face ([`super::edits::Corrections::painted`]): the decision takes the label
-//! of most faces of each cell, so single wrong matches do not count, and boundaries are refined on the new mesh. Cost:
-//! that of the transfer or the matching, and one pass over the faces.
+//! The transferred labels are hints for every face ([`super::edits::Corrections::painted`]): the decision takes the
+//! most frequent label of each cell, so single wrong matches do not matter, and boundaries are refined on the new mesh.
+//! Cost: that of the transfer or the matching, and one pass over the faces.
 
 use super::correspond::{CorrespondParams, correspond, default_landmarks_for_vertices};
 use super::labels::{self, LABELS, SegmentedMesh};
@@ -17,18 +17,19 @@ use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::Serialize;
 
-/// Share of uncertain faces up to which two meshes count as lying in the same place.
+/// Maximum share of uncertain faces for two meshes to count as being in the same position.
 const SAME_PLACE: f64 = 0.05;
-/// Confidence below which a person should look, where meshes lie in the same place and where vertices are matched.
+/// Confidence below which a person should check the result, if meshes are in the same position, and if vertices are
+/// matched.
 const LOOK: [f64; 2] = [0.95, 0.6];
 const CHUNK: usize = 1 << 16;
-/// Bytes that reports and the manifest take for a part.
+/// Bytes per part in reports and the manifest.
 const BYTES_PER_PART: u64 = 1 << 10;
 
-/// A mesh with the parts that others are to have.
+/// A mesh with the parts to transfer.
 #[derive(Clone, Copy, Debug)]
 pub struct Reference<'a> {
-    /// The mesh.
+    /// The reference mesh.
     pub mesh: &'a Mesh,
     /// Part of each face (n); [`UNLABELLED`]: none.
     pub labels: &'a [u32],
@@ -39,55 +40,56 @@ pub struct Reference<'a> {
 }
 
 impl Reference<'_> {
-    /// How many parts there are: as many as the numbers up to the greatest.
+    /// The number of parts: the greatest label plus one.
     fn parts(&self) -> usize {
         let labelled = self.labels.iter().filter(|label| **label != UNLABELLED);
         self.colours.len().max(labelled.map(|label| *label as usize + 1).max().unwrap_or(0))
     }
 }
 
-/// How labels were carried over.
+/// How labels were transferred.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Way {
-    /// From the nearest face: both meshes lie in the same place.
+    /// From the nearest face: both meshes are in the same position.
     Place,
-    /// By matches of vertices.
+    /// By matching vertices.
     Shape,
 }
 
-/// Labels carried to a mesh.
+/// Labels transferred to a mesh.
 #[derive(Clone, Debug)]
 pub struct Carried {
-    /// One more than the part of each face (n); 0: not known.
+    /// The part of each face plus one (n); 0 if unknown.
     pub values: MappedSlice<u32>,
-    /// How well that went.
+    /// The quality of the transfer.
     pub facts: LikeFacts,
 }
 
-/// How well labels were carried over.
+/// The quality of a transfer of labels.
 #[derive(Clone, Debug, Serialize)]
 pub struct LikeFacts {
-    /// How.
+    /// The method.
     pub way: Way,
-    /// How sure, 0 to 1: the share of certain faces, or the mean confidence of the matches.
+    /// Confidence, 0 to 1: the share of certain faces, or the mean confidence of the matches.
     pub confidence: f64,
     /// Whether the shape is symmetric, so that parts may be mirrored.
     pub ambiguous: bool,
-    /// Parts of the reference that the mesh has not.
+    /// Parts of the reference that are missing on the mesh.
     pub missing: Vec<u32>,
-    /// Whether a person should look at the result.
+    /// Whether a person should check the result.
     pub look: bool,
 }
 
-/// Where values are written that are carried; they are removed with their last reader.
+/// Temporary file of the transferred values; removed with its last reader.
 const VALUES: &str = "carried.tmp";
 
-/// Carries the labels of `reference` to `mesh`. Arrays lie in the folder of `context`, or in a temporary one within.
+/// Transfers the labels of `reference` to `mesh`. Arrays are stored in the folder of `context`, or in a temporary one
+/// within.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the reference; [`Error::Memory`] where its parts are numbered so
-/// high that there is no room for as many; those of [`transfer`] and [`correspond`].
+/// [`Error::Parameter`] for labels that do not match the reference; [`Error::Memory`] if its greatest label is so high
+/// that there is no room for as many parts; those of [`transfer`] and [`correspond`].
 pub fn carry(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Result<Carried> {
     let parts = BYTES_PER_PART * reference.parts() as u64;
     context.run.budget.take("parts with all numbers up to the reference's greatest label", parts, parts)?;
@@ -102,7 +104,7 @@ pub fn carry(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Res
                 return carried(values, Way::Place, 1. - uncertain, false, context.work);
             }
         }
-        // Most of it lies elsewhere.
+        // The meshes are not in the same position.
         Err(Error::Unusable { .. }) => {}
         Err(error) => return Err(error),
     }
@@ -115,7 +117,7 @@ fn carried(values: ArrayMut<u32>, way: Way, confidence: f64, ambiguous: bool, wo
     Ok(Carried { values, facts: LikeFacts { way, confidence, ambiguous, missing: Vec::new(), look: false } })
 }
 
-/// By matches of the vertices of `mesh` with those of the reference. What is carried lies in `work`.
+/// By matching the vertices of `mesh` with those of the reference. The transferred values are stored in `work`.
 fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>, work: &WorkDir) -> Result<Carried> {
     let most = mesh.positions.len().max(reference.mesh.positions.len());
     let params = CorrespondParams::default().landmarks(default_landmarks_for_vertices(most));
@@ -158,8 +160,8 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>, work: &
     carried(array, Way::Shape, confidence, found.alignments.ambiguous, work)
 }
 
-/// Gives the parts of `result`, which was cut with the hints of `carried`, the numbers, colours and names of the
-/// reference's, and keeps them so in the work directory.
+/// Gives the parts of `result`, which was cut with the hints in `carried`, the numbers, colours and names of the
+/// reference, and records them in the work directory.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`].
@@ -171,9 +173,10 @@ pub fn settle(
 ) -> Result<SegmentedMesh> {
     let counts = tally(result.labels.iter().copied().zip(carried.values.iter().copied()));
     let parts = reference.parts();
-    // Tiny components and walls that are a part of their own are none of the reference's, whatever was carried to them.
+    // Tiny components and walls with a label of their own do not correspond to reference parts, whatever was
+    // transferred to them.
     let own = [result.numbers.walls_label, result.numbers.tiny_components_label];
-    // What nothing was carried to gets a number of its own.
+    // Parts to which nothing was transferred get new numbers.
     let mut of_label = vec![(0u64, parts as u32); result.colours.len()];
     for ((label, value), count) in counts {
         if value > 0
@@ -203,7 +206,7 @@ pub fn settle(
     }
     let grey = |part: usize| reference.colours.get(part).copied().unwrap_or([128; 3]);
     let facts = &mut carried.facts;
-    // Numbers that the reference leaves out name no part.
+    // Numbers that the reference does not use are not parts.
     let mut known = vec![false; parts];
     let labelled = reference.labels.iter().filter(|label| **label != UNLABELLED);
     labelled.for_each(|&label| known[label as usize] = true);
@@ -218,7 +221,7 @@ pub fn settle(
     result.numbers.tiny_components_label = now(result.numbers.tiny_components_label);
     result.numbers.walls_label = now(result.numbers.walls_label);
     (result.numbers.faces, result.numbers.area) = (faces, area);
-    // A work directory keeps what is written.
+    // The work directory keeps what was written.
     labels::keep_as(before, &result, context.work)?;
     Ok(result)
 }

@@ -1,12 +1,11 @@
 //! The paper's methods: centres by K-means or iterative 2-means on sampled columns of the embedding, then one pass over
-//! all of them.
+//! all columns.
 //!
-//! Of a large mesh all this happens on its contraction, as the default method's decision does: there rows cost
-//! hardly anything, so there are more of them. Faces get the label of their contracted node, and those near
-//! boundaries are labelled anew.
+//! A large mesh is processed on its contraction, as for the default method's decision: rows are cheap there, so there
+//! are more of them. Faces get the label of their contracted node, and those near boundaries are relabelled.
 //!
-//! Cost: fitting is constant in the size of the mesh (16,384 columns). With rows over all faces the pass reads 4 l
-//! bytes per face; with a contraction it is one front over all faces, and one in the narrow bands.
+//! Cost: fitting is constant in the size of the mesh (16,384 columns). With rows over all faces, the pass reads 4 l
+//! bytes per face; with a contraction it takes one front over all faces, and one in the narrow bands.
 
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::edits::PartMarks;
@@ -38,7 +37,7 @@ pub(super) enum Fit {
     TwoMeans(TwoMeansParams),
 }
 
-/// How faces are embedded, and how centres are found there.
+/// The embedding of faces, and how centres are found in it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Means {
     /// The embedding.
@@ -47,7 +46,7 @@ pub(super) struct Means {
     pub fit: Fit,
 }
 
-/// Embeds, fits centres and labels every node: `labels` and `quality` (n) are filled.
+/// Embeds, fits centres and labels every node: fills `labels` and `quality` (n).
 fn k_means(
     nodes: NodeView<'_>,
     rows: &DistanceRows,
@@ -57,11 +56,12 @@ fn k_means(
     run: &Run,
 ) -> Result<SegmentStats> {
     if !rows.is_empty() && run.is_paged(rows.row(0)) {
-        // What is needed is asked for. Around a page that is missed, megabytes would be read.
+        // Exactly what is needed is requested explicitly; default read-ahead would read megabytes around each missed
+        // page.
         rows.distances.advise(Access::Random);
     }
     let _grant = Cluster::KMeans.grant(rows.len(), rows.nodes, run)?;
-    // Areas until confidences are known: geometry is looked at once.
+    // `quality` holds areas until confidences are known, so that geometry is read only once.
     nodes.areas(quality, run)?;
     let areas = &quality[..];
     let columns = SampledColumns::sample(rows, |node| areas[node], run);
@@ -92,7 +92,7 @@ fn k_means(
     })
 }
 
-/// How centres in the embedding of `faces` faces are found; nothing where parts are decided on cells.
+/// How centres in the embedding of `faces` faces are found; `None` if parts are decided on cells.
 pub(super) fn fit(params: &SegmentParams, faces: usize) -> Option<Fit> {
     let most = params.centres()?;
     Some(match params.cluster {
@@ -101,7 +101,7 @@ pub(super) fn fit(params: &SegmentParams, faces: usize) -> Option<Fit> {
     })
 }
 
-/// Labels every face of `graph` by `rows` over all of them.
+/// Labels every face of `graph`, with rows over all of them.
 pub(super) fn over_faces(
     graph: &DualGraph,
     rows: &DistanceRows,
@@ -119,7 +119,7 @@ pub(super) fn over_faces(
     Ok(clustered(labels, None, quality, numbers))
 }
 
-/// The contracted nodes of `whole` and their labels, by rows over the contraction.
+/// The contracted nodes of `whole` and their labels, with rows over the contraction.
 pub(super) fn on_contraction(
     whole: WeightedSurface<'_>,
     fit: Fit,
@@ -142,7 +142,7 @@ pub(super) fn on_contraction(
     Ok((units_of(small, labels, Vec::new(), confidence), SegmentStats { landmarks, ..numbers }))
 }
 
-/// Labels every face of `graph` by its contraction.
+/// Labels every face of `graph` via its contraction.
 pub(super) fn contracted(
     graph: &DualGraph,
     fit: Fit,

@@ -1,11 +1,11 @@
-//! The stages put together: from a mesh to one label per face, to an order, to matches.
+//! The stages combined: from a mesh to one label per face, to an order, to matches.
 //!
 //! ```text
 //! mesh ─▶ dual graph ─▶ weights ─▶ landmarks ─▶ rows [A B] ─┬▶ embedding ─▶ centres ─▶ labels ─▶ colours
 //!                                                            └▶ cells ─▶ parts ─▶ boundaries ─┘
 //! ```
-//! Every arrow is a stage in the work directory: reused where its inputs and options are the same. [`recipe`] reads
-//! like this picture; [`plan`] tells beforehand what it will take.
+//! Every arrow is a stage in the work directory, reused if its inputs and options are the same. [`recipe`] reads like
+//! this picture; [`plan`] estimates the cost beforehand.
 
 pub mod admission;
 pub mod calibrate;

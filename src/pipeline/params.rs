@@ -1,4 +1,4 @@
-//! The parameters of `segment`, and the check that they make sense together.
+//! The parameters of `segment`, and their validation.
 
 use crate::base::{Error, Result};
 use crate::cluster::cells;
@@ -25,47 +25,47 @@ pub enum Cluster {
     /// Parts as people would cut them: over-segmented, merged by concavity and convexity, refined.
     #[default]
     Parts,
-    /// The paper's: K-means in the embedding.
+    /// The paper's method: K-means in the embedding.
     KMeans,
-    /// The paper's other: parts halved by 2-means in the embedding, the one that gains most first.
+    /// The paper's other method: parts halved by 2-means in the embedding, the one with the greatest gain first.
     TwoMeans,
 }
 
-/// What becomes of components too small to be parts.
+/// The treatment of components too small to be parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TinyComponents {
-    /// Each joins the part that it floats beside.
+    /// Each joins the part next to it.
     #[default]
     Join,
-    /// All of them together are a part of their own, besides those that are found or asked for.
+    /// All of them together form a part of their own, in addition to those found or requested.
     Own,
 }
 
-/// What becomes of walls: the inside of hollow bodies.
+/// The treatment of walls: the inside of hollow bodies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Walls {
-    /// They have the labels of the outside behind them.
+    /// They get the labels of the outside behind them.
     #[default]
     Follow,
-    /// All of them together are a part of their own, besides those that are found or asked for; not where more parts
-    /// are asked for than the surface has cells.
+    /// All of them together form a part of their own, in addition to those found or requested. Not possible if more
+    /// parts are requested than the surface has cells.
     Own,
 }
 
-/// How faces near the boundaries of [`Cluster::Parts`] get their labels.
+/// How faces near the boundaries of [`Cluster::Parts`] are labelled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Boundaries {
-    /// By one front between the parts' cores, which is held up on creases.
+    /// By one front between the parts' cores, which is slowed down by creases.
     #[default]
     Front,
     /// By Nyström's extrapolation: each face goes to the part nearest to it in the embedding.
     Embedding,
 }
 
-/// What `segment` is asked to do.
+/// Parameters of `segment`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct SegmentParams {
@@ -81,21 +81,21 @@ pub struct SegmentParams {
     pub cluster: Cluster,
     /// How many parts, and how [`Cluster::Parts`] decides on them.
     pub parts: PartsParams,
-    /// Whether rows are computed over all faces of any mesh. By default a large mesh is contracted first, and there are
-    /// more rows over the contraction.
+    /// Whether rows are computed over all faces whatever the size of the mesh. By default a large mesh is contracted
+    /// first, and there are more rows over the contraction.
     #[serde(default)]
     pub exact: bool,
-    /// What becomes of components too small to be parts, with [`Cluster::Parts`].
+    /// The treatment of components too small to be parts, with [`Cluster::Parts`].
     #[serde(default)]
     pub tiny_components: TinyComponents,
-    /// What becomes of the inside of hollow bodies, with [`Cluster::Parts`].
+    /// The treatment of the inside of hollow bodies, with [`Cluster::Parts`].
     #[serde(default)]
     pub walls: Walls,
-    /// How faces near boundaries get their labels, with [`Cluster::Parts`].
+    /// How faces near boundaries are labelled, with [`Cluster::Parts`].
     #[serde(default)]
     pub boundaries: Boundaries,
-    /// How rows become coordinates, for [`Cluster::KMeans`] and [`Cluster::TwoMeans`];
-    /// by default [`EmbeddingParams::for_parts`].
+    /// How rows are embedded, for [`Cluster::KMeans`] and [`Cluster::TwoMeans`]; by default
+    /// [`EmbeddingParams::for_parts`].
     pub embedding: Option<EmbeddingParams>,
 }
 
@@ -114,20 +114,20 @@ crate::base::setters::setters!(SegmentParams {
 });
 
 impl SegmentParams {
-    /// Whether parts are decided with rows over all faces of any mesh.
+    /// Whether parts are decided with rows over all faces whatever the size of the mesh.
     pub fn exact_rows(&self) -> bool {
         self.exact || self.boundaries == Boundaries::Embedding
     }
 
     /// Whether parts of a mesh of `faces` faces are decided on its contraction: if it is large, unless `exact` is set,
-    /// its boundaries are found in the embedding of all faces, or K-means and 2-means are asked for more parts than
-    /// can be told apart there.
+    /// boundaries are found in the embedding of all faces, or K-means and 2-means are asked for more parts than the
+    /// contraction can resolve.
     pub fn contracts(&self, faces: usize) -> bool {
         let few = self.centres().is_none_or(|parts| parts <= NODES / NODES_A_PART);
         !self.exact_rows() && faces > contract::LARGE && few
     }
 
-    /// How many parts K-means or 2-means may make, where that is known; `None` with [`Cluster::Parts`] too.
+    /// The maximum number of parts that K-means or 2-means may make, if known; `None` with [`Cluster::Parts`] too.
     pub(super) fn centres(&self) -> Option<usize> {
         match (self.cluster, self.parts.count) {
             (Cluster::KMeans | Cluster::TwoMeans, PartCount::Exactly(parts)) => Some(parts),
@@ -137,10 +137,10 @@ impl SegmentParams {
         }
     }
 
-    /// The number of landmarks for a mesh of `faces` faces: the one asked for, else as many as pay.
+    /// The number of landmarks for a mesh of `faces` faces: as requested, else a default.
     ///
-    /// Over a contraction rows cost hardly anything. There K-means has at least 60: on 38 models of the benchmark,
-    /// subdivided to 150,000 to 600,000 faces, 1 − Rand was .140, .124, .117, .130 with 10, 20, 60, 120
+    /// Rows over a contraction are cheap. There K-means has at least 60: on 38 models of the benchmark, subdivided to
+    /// 150,000 to 600,000 faces, 1 − Rand was .140, .124, .117, .130 with 10, 20, 60, 120
     /// (`benches/records/2026-11-23-means-contracted.md`).
     pub fn landmarks_of(&self, faces: usize) -> usize {
         let contracts = self.contracts(faces);
@@ -152,75 +152,75 @@ impl SegmentParams {
         })
     }
 
-    /// The number of landmarks for deciding parts with rows over all of `nodes` nodes: the one asked for, else as many
-    /// as pay.
+    /// The number of landmarks for deciding on parts with rows over all of `nodes` nodes: as requested, else a default.
     pub(super) fn landmarks_over(&self, nodes: usize) -> usize {
         self.landmarks.unwrap_or_else(|| default_landmarks_for_faces(nodes))
     }
 
-    /// How landmarks of a mesh of `faces` faces are chosen: as asked for, else by area and distance where
-    /// [`Cluster::Parts`] has rows over a contraction, and farthest points where rows are over all faces, or are
-    /// those of the paper's methods.
+    /// How landmarks of a mesh of `faces` faces are chosen: as requested, else by area and distance if
+    /// [`Cluster::Parts`] has rows over a contraction, and as farthest points if rows are over all faces, or for the
+    /// paper's methods.
     pub fn sampling_of(&self, faces: usize) -> Sampling {
         let weighted = self.cluster == Cluster::Parts && self.contracts(faces);
         self.sampling.unwrap_or(if weighted { Sampling::DistanceWeighted } else { Sampling::Farthest })
     }
 
-    /// In which order the faces of a mesh of so many are worked on.
+    /// In which order the faces of a mesh of `faces` faces are processed.
     pub fn ordering(&self, faces: usize) -> OrderParams {
         OrderParams { order: self.order, has_rows: !self.contracts(faces) }
     }
 
-    /// Whether rows of distances are kept, in a work directory that is `lasting` or temporary: in one that lasts
-    /// always, else where their columns are read again, by K-means, 2-means, and boundaries by the embedding.
+    /// Whether distance rows are kept, in a work directory that is `lasting` or temporary: always in one that lasts; in
+    /// a temporary one if their columns are read again, which K-means, 2-means, and boundaries by the embedding do.
     pub fn keeps_rows(&self, lasting: bool) -> bool {
         lasting || self.cluster != Cluster::Parts || self.boundaries == Boundaries::Embedding
     }
 }
 
-/// Nodes of the contraction that each part of K-means should have, at least.
+/// Minimum number of contraction nodes per part of K-means.
 const NODES_A_PART: usize = 30;
-/// Landmarks that may be asked for: matrices of l × l then take some hundred megabytes, and their eigenvectors minutes.
+/// Maximum number of landmarks: beyond it, matrices of l × l would take hundreds of megabytes, and their eigenvectors
+/// minutes.
 pub const LANDMARKS_AT_MOST: usize = 4096;
-/// Landmarks for K-means at the most, but for very many parts.
+/// Maximum number of landmarks for K-means, except for very many parts.
 const MOST_LANDMARKS: usize = 60;
 
-/// Landmarks for K-means into `parts` parts with rows over all faces: twice as many, so that every part can
-/// hold two, at least 10 and at most 60, but more than parts up to 512: beyond, eigenvectors would cost
-/// more than they tell apart.
+/// Landmarks for K-means into `parts` parts with rows over all faces: twice as many, so that every part can contain
+/// two, within 10 and 60, but more than the number of parts up to 512: beyond that, eigenvectors cost more than they
+/// gain.
 pub fn default_landmarks_for_parts(parts: usize) -> usize {
     (2 * parts).clamp(10, MOST_LANDMARKS).max((parts + 1).min(512))
 }
 
-/// Faces up to which a mesh has fewer landmarks on its contraction, and more over all faces.
+/// Number of faces up to which a mesh has fewer landmarks on its contraction, and more over all faces.
 const MEDIUM: usize = 300_000;
 
-/// Landmarks for deciding parts with rows over all of `faces` faces: 120 where fronts are cheap, fewer where
-/// each costs. On the 190 models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30,
-/// 40, 60, 80, 120 under seed 0. From 60 on more do not agree better with people, but two seeds with each
-/// other: see `docs/quality.md`.
+/// Landmarks for deciding on parts with rows over all of `faces` faces: 120 where fronts are cheap, fewer where they
+/// are expensive. On the 190 models of the benchmark 1 − Rand was .094, .093, .089, .087, .087, .086 with 20, 30, 40,
+/// 60, 80, 120 under seed 0. Beyond 60, agreement with people does not improve, but that between two seeds does: see
+/// `docs/quality.md`.
 pub fn default_landmarks_for_faces(faces: usize) -> usize {
     let landmarks = [(contract::LARGE, 120), (MEDIUM, 60), (2_000_000, 40), (20_000_000, 30)];
     landmarks.into_iter().find(|&(most, _)| faces <= most).map_or(20, |(_, landmarks)| landmarks)
 }
 
-/// Landmarks for deciding parts with rows over the contraction of a mesh of `faces` faces: 240 where their time is
-/// small beside that of all else, else 120.
+/// Landmarks for deciding on parts with rows over the contraction of a mesh of `faces` faces: 240 if their time is
+/// small compared with the rest, else 120.
 pub fn landmarks_on_contraction(faces: usize) -> usize {
     if faces > MEDIUM { 240 } else { 120 }
 }
 
-/// Coordinates wanted for the paper's methods.
+/// Number of coordinates for the paper's methods.
 pub(super) fn dimensions(params: &SegmentParams) -> usize {
     if let PartCount::Exactly(k) = params.parts.count { k } else { two_means::DIMENSIONS }
 }
 
-/// What deciding parts allocates at the least: the ensemble and its co-association over two thousand cells (measured).
+/// Minimum allocation of the decision on parts: the ensemble and its co-association over two thousand cells (measured).
 const DECISION: u64 = 20 << 20;
 
 impl Cluster {
-    /// Bytes that finding parts allocates, whatever the budget and the mesh, by `landmarks` rows over `nodes` nodes:
-    /// for the decision, or for the sample that centres are found on.
+    /// Bytes that finding parts allocates, independent of the budget, with `landmarks` rows over `nodes` nodes: for the
+    /// decision, or for the sample on which centres are found.
     pub(super) fn fixed_bytes(self, landmarks: u64, nodes: u64) -> u64 {
         match self {
             Self::Parts => decision_bytes(landmarks).max(DECISION),
@@ -228,12 +228,12 @@ impl Cluster {
         }
     }
 
-    /// What of [`Cluster::fixed_bytes`] the budget has to have room for.
+    /// The part of [`Cluster::fixed_bytes`] that must fit the budget.
     fn bytes_of_budget(self, landmarks: u64, nodes: u64) -> u64 {
         self.fixed_bytes(landmarks, nodes).saturating_sub(BESIDE_BUDGET)
     }
 
-    /// The same taken from the budget, for as long as parts are found by `landmarks` rows over `nodes` nodes.
+    /// Takes that part from the budget, for as long as parts are found with `landmarks` rows over `nodes` nodes.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -242,7 +242,7 @@ impl Cluster {
         run.budget.take(WHAT_LANDMARKS_TAKE, bytes, bytes)
     }
 
-    /// Bytes that each thread but one allocates besides, where the budget has room for it.
+    /// Bytes that each further thread allocates, if the budget has room for it.
     pub(super) fn thread_bytes(self, landmarks: u64) -> u64 {
         match self {
             Self::Parts => member_bytes(landmarks as usize, cells::CELLS),
@@ -251,12 +251,11 @@ impl Cluster {
     }
 }
 
-/// What [`Error::Memory`] calls what landmarks take.
+/// The name of this allocation in [`Error::Memory`].
 const WHAT_LANDMARKS_TAKE: &str = "finding parts with so many landmarks";
 
 impl SegmentParams {
-    /// Refuses options that are out of range, that contradict each other, or that have no effect on the method that is
-    /// chosen.
+    /// Rejects options that are out of range, contradict each other, or have no effect on the chosen method.
     ///
     /// # Errors
     /// [`Error::Parameter`] naming the option.
@@ -313,10 +312,10 @@ impl SegmentParams {
         self.embedding.map_or(Ok(()), |embedding| embedding.check())
     }
 
-    /// The same, and refuses more parts than the mesh at `path` has `faces`.
+    /// The same, and rejects more parts than the mesh at `path` has `faces`.
     ///
     /// # Errors
-    /// [`Error::Unusable`] for these; [`Error::Parameter`].
+    /// [`Error::Unusable`] for too many parts; [`Error::Parameter`].
     pub fn check_for(&self, path: &Path, faces: u64) -> Result<()> {
         self.check()?;
         let wanted = self.parts.count.least();
@@ -330,7 +329,7 @@ impl SegmentParams {
         Ok(())
     }
 
-    /// Refuses more landmarks than half of the budget has room for, before rows are computed; arrays may have the other
+    /// Rejects more landmarks than half of the budget has room for, before rows are computed; arrays may use the other
     /// half.
     ///
     /// # Errors

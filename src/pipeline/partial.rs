@@ -1,16 +1,17 @@
-//! Partial correspondence: a part is matched with a whole.
+//! Partial correspondence: matches a part with a whole.
 //!
-//! The mesh with less area is the part. Both have the same scale: lengths of the files are compared. First matches come
-//! from distances between far points ([`crate::apps::correspond::partial`]). What they cover of the whole, as much area
-//! as the part has, is cut out ([`Region`]) and matched with the part like two wholes, from alignments and from the
-//! first matches: with the same boundary, both have nearly the same functions. Of the likeliest first maps the one
-//! whose region fits best is taken, and cut out again by its matches, as long as it fits better.
+//! The mesh with less area is the part. Both must have the same scale, as lengths of the files are compared. First
+//! matches come from distances between far points ([`crate::apps::correspond::partial`]). The region of the whole that
+//! they cover, with as much area as the part, is cut out ([`Region`]) and matched with the part like two wholes,
+//! starting from alignments and from the first matches: with the same boundary, both have nearly the same functions. Of
+//! the likeliest first maps, the one whose region fits best is taken, and its region is cut out again from its matches
+//! as long as the fit improves.
 //!
-//! What lies outside the region has no match; nor has a vertex whose confidence is below [`LEAST`].
+//! Vertices outside the region have no match, nor do those whose confidence is below [`LEAST`].
 //!
-//! Cost: that of two wholes up to [`FINALISTS`] + [`ROUNDS`] times, and a row per candidate of the first
-//! matches. Region and maps are held in memory: the budget grants [`REGION`] bytes per vertex of the whole and
-//! [`MAPS`] per vertex of the part.
+//! Cost: that of two wholes up to [`FINALISTS`] + [`ROUNDS`] times, and one row per candidate of the first matches.
+//! Region and maps are in memory: the budget grants [`REGION`] bytes per vertex of the whole and [`MAPS`] per vertex of
+//! the part.
 
 use super::sides::{
     CorrespondParams, Correspondence, FunctionalMap, Guidance, LARGE, LARGE_WIDTH, LOCAL_SAMPLES, LOCAL_WIDTH,
@@ -38,43 +39,43 @@ use crate::store::{Context, MappedSlice, Run};
 
 /// Confidence below which a vertex has no match.
 pub const LEAST: f32 = 0.05;
-/// Vertices at least from which functions of a part are made.
+/// Minimum number of vertices of a part for which functions are computed.
 const FEWEST: usize = 60;
-/// First maps whose regions are compared.
+/// Number of first maps whose regions are compared.
 const FINALISTS: usize = 3;
-/// Rank, in that of the best, up to which another first map is as good.
+/// Another first map is an alternative if its rank is at most this many times the best.
 const RIVAL: f64 = 1.5;
-/// Mean distance between the images of two maps, over √area of the whole, from which they are different.
+/// Minimum mean distance between the images of two maps, over √area of the whole, for them to be different.
 const APART: f64 = 0.1;
-/// Time that heat spreads the area of a part on the whole, over the highest frequency.
+/// Diffusion time with which the area of a part is spread on the whole, in units of 1 / the highest frequency.
 const SPREAD: f64 = 2.;
 /// Vertices per chunk.
 const CHUNK: usize = 1 << 14;
-/// Vertices by which two maps are compared.
+/// Number of vertices by which two maps are compared.
 const COMPARED: usize = 200;
-/// Times that the region of the best is cut out again, at the most: as long as it fits better.
+/// Maximum number of times that the region of the best is cut out again, as long as the fit improves.
 const ROUNDS: usize = 4;
-/// Share of the region's triangles below which a component is left out.
+/// Components with a smaller share of the region's triangles are dropped.
 const CRUMB: f64 = 0.02;
 
-/// Bytes a vertex of the whole that is cut: what is inside, pieces and their sizes, numbers, two faces and a position.
+/// Bytes per vertex of the whole: flags, pieces and their sizes, numbers, two faces and a position.
 const REGION: u64 = 72;
-/// Bytes a vertex of the part: first maps, the best, the last, and matches on their way into the file.
+/// Bytes per vertex of the part: first maps, the best, the last, and matches on their way into the file.
 const MAPS: u64 = 8 * (FINALISTS as u64 + 2) + 40;
 
-/// For each vertex of the part the one of the whole.
+/// For each vertex of the part, its image on the whole.
 type Images = Vec<Option<u32>>;
 
-/// What a part covers of a whole.
+/// The region of a whole that a part covers.
 struct Region {
     mesh: Mesh,
-    /// The vertices of the whole.
+    /// Its vertices in the whole.
     old: Vec<u32>,
 }
 
 /// A region matched with the part.
 struct Candidate {
-    /// The vertices of the whole.
+    /// Its vertices in the whole.
     old: Vec<u32>,
     graph: VertexGraph,
     functional: FunctionalMap,
@@ -84,22 +85,22 @@ struct Candidate {
 }
 
 impl Candidate {
-    /// How well region and part fit. What area costs to be carried is left out: from region to
-    /// region it changes by chance.
+    /// How well region and part fit; lower is better. The change of area is left out: it varies randomly from region to
+    /// region.
     fn rank(&self) -> f64 {
         self.outcomes.first().map_or(f64::INFINITY, |best| best.distortion * best.residual)
     }
 }
 
-/// Area in units of the file.
+/// Area in squared units of the file.
 fn area(side: &Side<'_>) -> f64 {
     side.graph.facts.area * side.graph.frame.scale * side.graph.frame.scale
 }
 
 impl Region {
-    /// The vertices of `whole` that `images` of `part` cover the most, as many as have the area `share` of it. The area
-    /// that comes to lie there is spread by heat in the functions `basis` of the whole, so that neither gaps between
-    /// images count as holes nor a few stray images fill one.
+    /// The vertices of `whole` most covered by `images` of `part`, as many as have the area `share` of it. The area of
+    /// the part is transferred to its images and smoothed by heat diffusion in the functions `basis` of the whole, so
+    /// that gaps between images are not holes and a few stray images do not count.
     fn covered(
         [part, whole]: [&Side<'_>; 2],
         basis: &LocalBasis,
@@ -138,7 +139,7 @@ impl Region {
         Self::of(whole.opened, inside)
     }
 
-    /// The triangles of `mesh` whose corners are all `inside`, but crumbs.
+    /// The triangles of `mesh` whose corners are all `inside`, without crumbs.
     fn of(mesh: &Mesh, mut inside: Vec<bool>) -> Result<Self> {
         let mut faces: Vec<[u32; 3]> = Vec::new();
         mesh.faces.for_each(0..mesh.faces.len(), |_, corners| {
@@ -148,7 +149,7 @@ impl Region {
                 }
             });
         });
-        // Components, by the least vertex of each.
+        // Components, identified by their least vertex.
         let mut pieces = Forest::new(inside.len());
         for &[a, b, c] in &faces {
             pieces.join(a, b);
@@ -170,7 +171,7 @@ impl Region {
         Ok(Self { mesh: Mesh::from_vecs::<f64>(positions, faces)?, old })
     }
 
-    /// Matches `part` with it; `images` are first matches.
+    /// Matches `part` with it, starting from the first matches `images`.
     fn matched(
         self,
         part: &Side<'_>,
@@ -254,14 +255,14 @@ pub(super) fn match_partial(
     })
 }
 
-/// What two maps are compared by: some of their images.
+/// A subset of the images, for comparing two maps.
 fn compared(images: &Images) -> Images {
     images.iter().step_by(images.len().div_ceil(COMPARED).max(1)).copied().collect()
 }
 
-/// How far two maps to `whole` are apart, in the mean over √area, by its landmarks and what is [`compared`].
+/// Mean distance between two maps to `whole`, over √area, estimated by its landmarks at the [`compared`] images.
 fn apart(whole: &Side<'_>, one: &Images, other: &Images) -> f64 {
-    // No more than the distance, and with dozens of landmarks nearly that.
+    // A lower bound on the distance, and with dozens of landmarks nearly equal to it.
     let apart = |(v, w): (u32, u32)| -> f64 {
         let difference = |row: &[f32]| f64::from((row[v as usize] - row[w as usize]).abs());
         (0..whole.rows.len()).map(|j| difference(whole.rows.row(j))).fold(0., f64::max)
@@ -329,7 +330,7 @@ fn first_maps(
     Ok((starts, images, of_whole))
 }
 
-/// The matches of A, the part or the whole, and those inside triangles where asked for.
+/// The matches of A, which is the part or the whole, and those inside triangles if requested.
 fn finish(
     best: &Candidate,
     [part, whole]: [&Side<'_>; 2],
@@ -340,7 +341,7 @@ fn finish(
     let Candidate { old, graph, functional, .. } = best;
     let k = functional.map.nrows();
     let [of_part, of_region] = &functional.bases;
-    // In the coordinates of the part.
+    // In vertices of the part.
     let in_part = carried(of_region, &functional.map, "carried.npy", Context::new(&whole.work, context.run))?;
     let mut coordinates = [(&of_part.values[..], of_part.count), (&in_part[..], k)];
     let mut graphs = [&part.graph, graph];
@@ -365,7 +366,7 @@ fn finish(
             let corners = points.iter_mut().flatten().flat_map(|point| &mut point.corners);
             corners.for_each(|corner| *corner = outer(i64::from(*corner)) as i32);
         }
-        // Of the whole, what is outside has none.
+        // Vertices of the whole outside the region have none.
         let at = |v: usize| if a_is_part { Some(v) } else { old.binary_search(&(v as u32)).ok() };
         let mut array = context.work.array::<Match>("matches.npy", &[n])?;
         context.run.fill_each(array.data(), CHUNK, |v, _: Match| at(v).map_or(Match::NONE, |at| found[at]))?;

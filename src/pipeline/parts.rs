@@ -1,9 +1,9 @@
 //! The default method: parts as people would cut them.
 //!
-//! Everything of the size of the mesh happens here once, out of core: shares of area, normals at a radius of the shape,
-//! weights, rows, cells; then the parts are decided on cells, in constant time, as a whole tree of answers, and one
-//! more front moves their boundaries onto creases. Another number of parts needs only the last step. More parts than
-//! there are cells are pieces of these.
+//! Everything of the size of the mesh is computed here once, out of core: area shares, smoothed normals, weights, rows,
+//! cells. Then the parts are decided on cells, in constant time, as a whole tree of answers, and one more front moves
+//! their boundaries onto creases. Another number of parts needs only the last step. If there are more parts than cells,
+//! they are pieces of cells.
 
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::decision::{DecisionStage, decision_key};
@@ -27,21 +27,21 @@ use crate::store::{Context, MappedSlice};
 use std::collections::{BTreeMap, BTreeSet};
 
 const CHUNK: usize = 1 << 15;
-/// Labels that edits look at, and nobody keeps.
+/// Temporary labels for locating edits.
 const SEEN: &str = "seen.tmp";
-/// Area, with the box's diagonal as the unit, of what is points and lines but for rounding.
+/// Area, with the box's diagonal as the unit, below which a surface consists of points and lines up to rounding.
 const NO_AREA: f64 = 1e-12;
 
-/// What parts are cut by besides the options.
+/// What determines the parts besides the options.
 #[derive(Clone, Copy, Default)]
 pub(super) struct PartRequests<'a> {
-    /// A hierarchy in place of the one that is found.
+    /// A hierarchy to use instead of the computed one.
     pub tree: Option<&'a PartTree>,
-    /// What a person has corrected.
+    /// A person's corrections.
     pub corrections: Corrections<'a>,
 }
 
-/// [`PartRequests`] with what leads from their places to cells.
+/// [`PartRequests`] together with the mapping from their places to cells.
 #[derive(Clone, Copy)]
 struct Located<'a> {
     requests: PartRequests<'a>,
@@ -51,12 +51,12 @@ struct Located<'a> {
     /// The mesh itself, and its work directory.
     whole: BoundarySurface<'a>,
     context: Context<'a>,
-    /// The contracted node of each node, where there are some.
+    /// The contracted node of each node, if there is a contraction.
     units: Option<&'a [u16]>,
 }
 
 impl Located<'_> {
-    /// The parts of `nodes` under the labels of cells `label`, once boundaries are refined. `cells` is the cell of each
+    /// The parts of `nodes` under the cell labels `label`, after refinement of boundaries. `cells` is the cell of each
     /// node, or contracted node.
     fn seen(&self, cells: &[u16], label: &[u32], nodes: &[u32]) -> Result<Vec<u32>> {
         let of_units: Vec<u32>;
@@ -67,7 +67,7 @@ impl Located<'_> {
             }
             None => CellLabels { of_node: cells, label, further: &[], at_boundary: None },
         };
-        // Not where the labels lie: should an edit be refused, those that are there stay.
+        // A separate file, so that existing labels stay if an edit is rejected.
         let _scratch = self.context.work.scratch(&[SEEN]);
         let method = BoundaryMethod::Front;
         let RefinedLabels { labels, .. } = boundary::refine(self.whole, cells, method, SEEN, self.context)?;
@@ -146,13 +146,13 @@ pub(super) fn parts(
         area,
         ..decided.numbers
     };
-    // Tiny components and pieces have boundaries of their own.
+    // Tiny components and pieces have additional boundaries.
     let boundary_nodes = (tiny_components_label.is_none() && !divided).then_some(boundary_nodes);
     let cell_labels = if divided { Vec::new() } else { decided.cell_labels };
     Ok(Clustered { labels, boundary_nodes, quality, numbers, marks: decided.marks, cell_labels })
 }
 
-/// The cells or contracted nodes of `whole`, whose nodes are in `order`, and their labels, without anybody's requests.
+/// The cells or contracted nodes of `whole`, whose nodes are in `order`, and their labels, without tree or corrections.
 pub(super) fn units(
     whole: WeightedSurface<'_>,
     order: &NodeOrder,
@@ -164,7 +164,7 @@ pub(super) fn units(
     Ok(decide_parts(whole, params, located, context)?.units)
 }
 
-/// The rows over all faces that the parts were decided with, and where these parts lie in their embedding.
+/// The rows over all faces that were used to decide on the parts, and the means of these parts in their embedding.
 fn part_means(
     whole: WeightedSurface<'_>,
     decided: &Decided,
@@ -175,7 +175,7 @@ fn part_means(
     Ok((LocalPartMeans::new(&whole.surface.cells()?.graph, &b, &decided.cell_labels), rows))
 }
 
-/// Gives the tiny components, which count nothing in `share` (n), a label of their own.
+/// Gives the tiny components, which have a `share` (n) of 0, a label of their own.
 fn label_tiny_components(
     labels: &[u32],
     shares: &AreaShares,
@@ -188,9 +188,9 @@ fn label_tiny_components(
     own.finish(false)
 }
 
-/// Parts decided on cells, and how they reach the faces.
+/// Parts decided on cells, and their transfer to the faces.
 struct Decided {
-    /// Number of cells S, the most parts that the decision can have.
+    /// Number of cells S, the maximum number of parts of the decision.
     cells: usize,
     /// Number of parts.
     parts: usize,
@@ -215,7 +215,7 @@ fn decide_parts(
     }
 }
 
-/// Rows over all nodes of `graph`, averaged to cells; parts decided on these.
+/// Rows over all nodes of `graph` averaged over cells, and parts decided on these.
 fn decide_on_mesh(
     surface: WeightedSurface<'_>,
     params: &SegmentParams,
@@ -232,7 +232,7 @@ fn decide_on_mesh(
         }
         all.tree = tree.clone();
     }
-    // More parts than cells are divided later.
+    // More parts than cells are made later by dividing.
     let count = params.parts.count.at_most(all.tree.cells());
     let mut cut = all.tree.cut_for(count, params.parts.detail)?;
     let is_beyond = params.parts.count.least() > all.tree.cells();
@@ -241,7 +241,7 @@ fn decide_on_mesh(
         cut = beside_walls(&all.tree, walls, cut, params.parts.count.least())?;
     }
     let mut marks = PartMarks::default();
-    // What corrections join keeps an interior for each of its pieces.
+    // Parts joined by corrections keep an interior for each of their pieces.
     let before = (!corrections.is_empty()).then(|| cut.label.clone());
     let unit_of_node = surface.surface.cells()?.of_node.clone();
     if !corrections.is_empty() {
@@ -269,7 +269,7 @@ fn decide_on_mesh(
     let PartsResult { mut label, mut parts, confidence, mut report } =
         parts::describe(&all, cut, facts.l, facts.seconds);
     if !corrections.is_empty() {
-        // They are what somebody wants them to be.
+        // The parts are a person's choice, so the expectation does not apply.
         report.expected_agreement.clear();
     }
     let mut walls_label = None;
@@ -281,7 +281,7 @@ fn decide_on_mesh(
         parts = kept.len() + 1;
         marks = marks.of_parts(&kept);
         walls_label = Some(own);
-        // The parts are no longer those that the expectation is about.
+        // The expectation is about other parts.
         report.expected_agreement.clear();
     }
     let numbers = SegmentStats { decision: Some(report), walls_label, ..facts.numbers };
@@ -293,13 +293,13 @@ fn decide_on_mesh(
     Ok(Decided { cells: all.tree.cells(), parts, cell_labels: label, units, numbers, marks })
 }
 
-/// The labels of cells that are no `walls` (S), ascending.
+/// The labels of cells that are not `walls` (S), ascending.
 fn labels_beside(walls: &[bool], label: &[u32]) -> Vec<u32> {
     let all: BTreeSet<u32> = label.iter().zip(walls).filter(|(_, wall)| !**wall).map(|(label, _)| *label).collect();
     all.into_iter().collect()
 }
 
-/// `cut`, or one that has `least` parts besides the `walls` (S) if some of its parts are walls alone.
+/// `cut`, or a cut with `least` parts besides the `walls` (S) if some of its parts consist of walls only.
 fn beside_walls(tree: &PartTree, walls: &[bool], cut: TreeCut, least: usize) -> Result<TreeCut> {
     if labels_beside(walls, &cut.label).len() >= least {
         return Ok(cut);

@@ -1,10 +1,9 @@
-//! What a run will need, told before it starts: memory, disk and time a stage.
+//! Estimates what a run will need before it starts: memory, disk and time per stage.
 //!
-//! Each stage tells what it needs beside its own code ([`Stage::needs`]); this adds up. Disk follows from the sizes
-//! of the arrays alone, memory from the same arithmetic that cuts shuffles to the budget, time from a short
-//! calibration: the same recipe on two creatures ([`super::calibrate`]), drawn out along the line through both.
-//! Where memory is short, bytes read and written come on top, by the speed of the disk ([`DiskSpeed`]). The input's
-//! header is read, nothing else.
+//! Each stage states its needs beside its own code ([`Stage::needs`]); this module adds them up. Disk follows from the
+//! sizes of the arrays, memory from the same arithmetic that sizes shuffles to the budget, and time from a short
+//! calibration: the same recipe on two synthetic creatures ([`super::calibrate`]), extrapolated linearly. If memory is
+//! short, bytes read and written are added, at the speed of the disk ([`DiskSpeed`]). Only the input's header is read.
 
 use super::input::computes;
 use super::params::{Cluster, SegmentParams};
@@ -26,23 +25,23 @@ use serde::Serialize;
 use std::ops::AddAssign;
 use std::path::Path;
 
-/// Caches hold the creature and not the mesh: stages take this much longer a face on large meshes (measured).
+/// Caches hold the creature but not the mesh: stages take this many times as long per face on large meshes (measured).
 const BEYOND_CACHES: f64 = 1.2;
 
-/// Share of the disk's time that is waited for; work goes on in the rest (measured).
+/// The share of the disk's time that is actually waited for; the rest overlaps with work (measured).
 const WAITING: f64 = 0.5;
 
-/// Seconds of work per byte that comes and goes where memory is short, beside waiting: faults, reclaiming, caches that
-/// are cold. 28 seconds more for some 35 GB at 100 million faces by default, 53 for 61 GB by K-means, of which the disk
-/// was waited for a quarter (measured).
+/// Seconds of processor time per byte read or written if memory is short, besides waiting: faults, reclaiming, cold
+/// caches. 28 seconds more for some 35 GB at 100 million faces by default, 53 for 61 GB by K-means, of which a quarter
+/// was waiting for the disk (measured).
 const PAGING: f64 = 0.7e-9;
 
-/// What a stage takes: a part that does not depend on the size, and a part per face.
+/// The time of a stage: a fixed part, and a part per face.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pace {
     /// Seconds.
     pub fixed: f64,
-    /// Seconds a face.
+    /// Seconds per face.
     pub per_face: f64,
 }
 
@@ -52,7 +51,7 @@ impl Pace {
         self.fixed + self.per_face * faces as f64
     }
 
-    /// The same, with so many seconds a face more on a mesh larger than what they were measured on.
+    /// The same plus `per_face` seconds per face, corrected for a mesh larger than the one measured.
     pub(super) fn slower_by(self, per_face: f64) -> Self {
         Self { per_face: self.per_face + BEYOND_CACHES * per_face, ..self }
     }
@@ -71,7 +70,7 @@ impl AddAssign for Pace {
     }
 }
 
-/// A stage and what it takes.
+/// A stage and its needs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StagePlan {
     /// The stage.
@@ -79,11 +78,11 @@ pub struct StagePlan {
     /// Memory and disk.
     #[serde(flatten)]
     pub needs: Needs,
-    /// Seconds on a smooth surface, where calibrated.
+    /// Seconds on a smooth surface, if calibrated.
     pub seconds: Option<f64>,
 }
 
-/// A run's needs.
+/// The needs of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Plan {
     /// The mesh.
@@ -92,56 +91,54 @@ pub struct Plan {
     pub landmarks: usize,
     /// Its stages in order.
     pub stages: Vec<StagePlan>,
-    /// Bytes allocated at the most.
+    /// Peak bytes allocated.
     pub memory: u64,
     /// Bytes in the work directory at the end.
     pub disk: u64,
-    /// Bytes in the work directory at the most, while it runs. All of these figures are those of a rough surface.
+    /// Peak bytes in the work directory while it runs. All of these figures are for a rough surface.
     pub disk_peak: u64,
-    /// [`Plan::disk_peak`] of a smooth surface, which needs fewer normals.
+    /// [`Plan::disk_peak`] for a smooth surface, which needs fewer normals.
     pub disk_peak_smooth: u64,
-    /// Mapped bytes that fronts walk all over: what the page cache should hold for full speed.
+    /// Mapped bytes that fronts access randomly: what the page cache should hold for full speed.
     pub walked: u64,
-    /// Seconds in all on a smooth surface, where calibrated.
+    /// Total seconds on a smooth surface, if calibrated.
     pub seconds: Option<f64>,
-    /// Seconds in all on a rough surface, where calibrated.
+    /// Total seconds on a rough surface, if calibrated.
     pub seconds_rough: Option<f64>,
-    /// Bytes that a rough surface has read from the disk and written to it where memory keeps hardly anything.
+    /// Bytes read from the disk and written to it for a rough surface if memory holds hardly anything of the mesh.
     #[serde(skip)]
     rough_moves: [u64; 2],
 }
 
-/// Landmarks that `params` asks for on a mesh of `faces` faces.
+/// Number of landmarks of `params` on a mesh of `faces` faces.
 fn landmarks(params: &SegmentParams, faces: u64) -> u64 {
     (params.landmarks_of(faces as usize) as u64).min(faces)
 }
 
-/// What lies in the folder of the contracted surface besides rows: its graph, cells, their rows,
-/// the ensemble (measured).
+/// Size of the folder of the contracted surface without rows: its graph, cells, their rows, the ensemble (measured).
 const ON_CONTRACTION: u64 = 10 << 20;
 
-/// What finding parts allocates whatever the budget.
+/// Bytes that finding parts allocates outside the budget.
 fn fixed(extent: &Extent, cluster: Cluster) -> u64 {
     let nodes = if extent.contracts { NODES as u64 } else { extent.faces };
     cluster.fixed_bytes(extent.landmarks, nodes)
 }
 
-/// Whether rows are over all faces and every face is embedded, as K-means and 2-means do unless
-/// they have a contraction.
+/// Whether rows are over all faces and every face is embedded: K-means and 2-means without a contraction.
 fn embeds_faces(extent: &Extent, cluster: Cluster) -> bool {
     cluster != Cluster::Parts && !extent.contracts
 }
 
-/// What labelling takes: labels and confidences, once more in the order of the file, and before them the decision
-/// about parts, or the sample that the centres of K-means are found on. The rows of K-means over all faces go before
-/// labels are put in order.
+/// The needs of labelling: labels and confidences, once more in file order, and before them the decision on parts, or
+/// the sample on which the centres of K-means are found. The rows of K-means over all faces are deleted before labels
+/// are reordered.
 fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
     let n = extent.faces;
     let embeds_faces = embeds_faces(extent, cluster);
     let before = room.used();
     let labels = room.take(8 * n);
     let restored = if extent.reordered { room.take(8 * n) } else { 0 };
-    // Labels are not there yet when parts are decided, but when centres are found.
+    // Labels do not exist yet while parts are decided, but they do while centres are found.
     let held = if cluster == Cluster::Parts { before } else { room.used() };
     let beside = extent.threads.saturating_sub(1) * cluster.thread_bytes(extent.landmarks);
     let memory = room.used().max(held + fixed(extent, cluster) + beside);
@@ -161,7 +158,7 @@ fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
     needs.moving(122 * n, 23 * n)
 }
 
-/// The stages of a run over `extent` and what each takes; `decoded` as in [`MeshSize`].
+/// The stages of a run over `extent` and their needs; `decoded` as in [`MeshSize`].
 fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Vec<StagePlan> {
     let mut room = Room::new(budget, !extent.lasting);
     let mut stages = vec![("read", Needs { keeps: decoded, ..Needs::default() })];
@@ -194,7 +191,7 @@ fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Ve
     stages.into_iter().map(planned).collect()
 }
 
-/// Bytes on disk after `stages`, and at the most while they run.
+/// Bytes on disk after `stages`, and at most while they run.
 fn disk_of(stages: &[StagePlan]) -> (u64, u64) {
     let (mut disk, mut peak) = (0, 0);
     for Needs { keeps, passing, frees, .. } in stages.iter().map(|stage| stage.needs) {
@@ -204,15 +201,14 @@ fn disk_of(stages: &[StagePlan]) -> (u64, u64) {
     (disk, peak)
 }
 
-/// Bytes read from the disk and written to it in `stages`, where memory keeps hardly anything.
+/// Bytes read from the disk and written to it in `stages`, if memory holds hardly anything of the mesh.
 fn moves_of(stages: &[StagePlan]) -> [u64; 2] {
     stages.iter().fold([0; 2], |[reads, writes], stage| [reads + stage.needs.reads, writes + stage.needs.writes])
 }
 
 impl Plan {
-    /// The plan for a mesh of size `mesh` under `params`, in a work directory that is `lasting` or temporary. Where
-    /// [`Order::Auto`] has to look at the mesh to decide, the file's order is taken to be good; `reordered` says
-    /// otherwise.
+    /// The plan for a mesh of size `mesh` under `params`, in a work directory that is `lasting` or temporary. If
+    /// [`Order::Auto`] would have to examine the mesh, its order is assumed to be good unless `reordered`.
     pub fn new(mesh: MeshSize, params: &SegmentParams, reordered: bool, lasting: bool, run: &Run) -> Self {
         let MeshSize { faces, vertices, corners, decoded, .. } = mesh;
         let budget = run.budget.total();
@@ -239,7 +235,7 @@ impl Plan {
         let smooth = stages_of(&Extent { rough: false, ..extent }, params.cluster, decoded, budget);
         let (_, disk_peak_smooth) = disk_of(&smooth);
         let rough_moves = moves_of(&stages);
-        // Seconds of each stage are those of a smooth surface.
+        // Seconds of each stage are those on a smooth surface.
         for (stage, smooth) in stages.iter_mut().zip(&smooth) {
             stage.needs = stage.needs.moving(smooth.needs.reads, smooth.needs.writes);
         }
@@ -259,7 +255,7 @@ impl Plan {
         }
     }
 
-    /// Fills in the times from the pace of each stage, measured on a smooth and on a rough surface.
+    /// Adds times from the pace of each stage, measured on a smooth and on a rough surface.
     pub fn with_times(mut self, smooth: impl Fn(&str) -> Pace, rough: impl Fn(&str) -> Pace) -> Self {
         let faces = self.mesh.faces;
         for stage in &mut self.stages {
@@ -270,8 +266,7 @@ impl Plan {
         self
     }
 
-    /// Adds what paging will take with a disk of this speed where the page cache can hold
-    /// `cache` bytes of mapped files.
+    /// Adds the time for paging with a disk of this speed, if the page cache can hold `cache` bytes of mapped files.
     pub fn with_waits(mut self, speed: DiskSpeed, cache: u64) -> Self {
         let missing = 1. - (cache as f64 / self.walked as f64).min(1.);
         let waits = |reads: u64, writes: u64| {
@@ -287,7 +282,7 @@ impl Plan {
         self
     }
 
-    /// Refuses the mesh in the file `path` if it has more faces or corners than can be numbered.
+    /// Rejects the mesh in the file `path` if it has more faces or corners than can be numbered.
     ///
     /// # Errors
     /// [`Error::Unusable`].
@@ -295,8 +290,8 @@ impl Plan {
         check_size(self.mesh.faces, self.mesh.corners, path)
     }
 
-    /// Refuses a run whose files the disk under `folder` cannot hold, even for a smooth surface. Bytes that are
-    /// there already count as free.
+    /// Rejects a run whose files do not fit on the disk under `folder`, even for a smooth surface. The `there` bytes of
+    /// existing files count as free.
     ///
     /// # Errors
     /// [`Error::Disk`].
@@ -307,23 +302,22 @@ impl Plan {
         }
     }
 
-    /// What a rough surface would lack under `folder` where a smooth one would not, in a line.
+    /// A one-line warning if a rough surface, but not a smooth one, would exceed the disk under `folder`.
     pub fn disk_warning(&self, folder: &Path, there: u64) -> Option<String> {
         self.lack_of_disk(folder, there, self.disk_peak).map(|(needed, available)| {
             format!("{needed} bytes of disk are needed if the surface is rough, {available} are free")
         })
     }
 
-    /// The bytes that a run with `peak` bytes on disk still needs under `folder`, and those that are
-    /// free, if these are fewer.
+    /// The bytes that a run with `peak` bytes on disk still needs under `folder`, and the free bytes, if these are
+    /// fewer.
     fn lack_of_disk(&self, folder: &Path, there: u64, peak: u64) -> Option<(u64, u64)> {
         let available = fs4::available_space(folder).ok()?;
         let needed = peak.saturating_sub(there);
         (needed > available).then_some((needed, available))
     }
 
-    /// What would make the run slow under the memory that is there, in a line; `cache`: bytes that the page cache may
-    /// use.
+    /// A one-line warning if the run will be slow for lack of memory; `cache`: bytes available to the page cache.
     pub fn warning(&self, cache: u64) -> Option<String> {
         (self.walked > cache).then(|| {
             format!(
@@ -336,7 +330,7 @@ impl Plan {
     }
 }
 
-/// Whether the order of a mesh of `faces` faces is decided by a look at it.
+/// Whether the order of a mesh of `faces` faces depends on examining it.
 pub fn order_is_open(params: &SegmentParams, faces: u64) -> bool {
     params.order == Order::Auto && faces > LARGE as u64
 }
@@ -347,7 +341,7 @@ mod tests {
     use crate::cluster::parts::PartsParams;
     use crate::store::Budget;
 
-    /// A billion faces in 2 GiB of budget.
+    /// A billion faces with a budget of 2 GiB.
     fn plan() -> Plan {
         plan_of(&SegmentParams::default())
     }
@@ -389,7 +383,7 @@ mod tests {
         assert!((seconds(0) - timed.seconds.unwrap() - all).abs() < 1e-6 && all > 100., "{all}");
         assert!((seconds(timed.walked / 2) - timed.seconds.unwrap() - all / 2.).abs() < 1e-3);
         assert_eq!(seconds(timed.walked), timed.seconds.unwrap());
-        // A rough surface has more to compute and more to move.
+        // A rough surface has more to compute and more to read and write.
         let slow = timed.clone().with_waits(speed, 0);
         assert!(slow.seconds_rough.unwrap() > slow.seconds.unwrap() + timed.stages.len() as f64);
     }

@@ -1,8 +1,8 @@
-//! The recipe of `segment`: from a mesh to one label per face, or from the stages that a work directory keeps.
+//! The recipe of `segment`: from a mesh, or from the kept stages of a work directory, to one label per face.
 //!
-//! The first stages leave a record of the mesh and of the options ([`super::input::Record`]), so that a later command
-//! needs to be told only what is to change. Another number of parts then costs what it costs to check and map the
-//! stages, a cut of the kept hierarchy, and the narrow bands at the parts' boundaries.
+//! The first stages write a record of the mesh and of the options ([`super::input::Record`]), so that a later command
+//! needs only what is to change. Another number of parts then costs checking and mapping the stages, a cut of the kept
+//! hierarchy, and the narrow bands at the parts' boundaries.
 
 use super::decision;
 use super::edits::Corrections;
@@ -21,7 +21,7 @@ use crate::spectral::EmbeddingParams;
 use crate::store::manifest::MANIFEST;
 use crate::store::{Context, WorkDir};
 
-/// Cuts the mesh of `opened` into parts. `identity` says which input it is (see [`input::identity`]).
+/// Cuts the mesh `opened` into parts. `identity` identifies the input (see [`input::identity`]).
 ///
 /// # Errors
 /// [`Error::Parameter`] for K-means without a number of parts or with options out of range, [`Error::Unusable`] for
@@ -35,10 +35,10 @@ pub fn segment(
     segment_corrected(opened, identity, params, Corrections::default(), context)
 }
 
-/// [`segment`], and corrects the parts.
+/// [`segment`] with corrections of the parts.
 ///
 /// # Errors
-/// As [`segment`], and [`Error::Malformed`] naming the edit that cannot be followed.
+/// As [`segment`], and [`Error::Malformed`] naming the edit that cannot be applied.
 pub fn segment_corrected(
     opened: &Mesh,
     identity: &serde_json::Value,
@@ -68,7 +68,7 @@ pub fn segment_corrected(
     label(&graph, order, clustered, params, context)
 }
 
-/// Refuses corrections that do not fit the method or the `faces` faces.
+/// Rejects corrections that do not suit the method or the number of `faces`.
 fn check_corrections(params: &SegmentParams, corrections: Corrections<'_>, faces: usize) -> Result<()> {
     if params.cluster != Cluster::Parts && !corrections.is_empty() {
         let given = if corrections.painted.is_some() { "hints" } else { "edits" };
@@ -83,7 +83,7 @@ fn check_corrections(params: &SegmentParams, corrections: Corrections<'_>, faces
     }
 }
 
-/// Eigenvalues that a work directory keeps.
+/// Eigenvalues kept by a work directory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Eigenvalues {
     /// All of them, descending.
@@ -92,11 +92,11 @@ pub struct Eigenvalues {
     pub dropped: usize,
 }
 
-/// The eigenvalues in `work`: of the decision about parts (on the contracted mesh, unless it is small or rows were
-/// `exact`), else of the embedding, which only tells the negative ones apart.
+/// The eigenvalues in `work`: of the decision on parts (on the contracted mesh, unless it is small or rows were
+/// `exact`), else of the embedding, for which only negative ones count as dropped.
 ///
 /// # Errors
-/// [`Error::WorkDir`] where there are none.
+/// [`Error::WorkDir`] if there are none.
 pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
     let decided = decision::kept_numbers(work, exact)?;
     let kept = decided.map(|numbers| Eigenvalues { values: numbers.eigenvalues, dropped: numbers.dropped_eigenpairs });
@@ -112,18 +112,18 @@ pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
     Err(work.damaged(MANIFEST, "tells of eigenvalues of which none is positive"))
 }
 
-/// The number of parts that the labels in `work` were asked for, where they are a cut of a hierarchy.
+/// The number of parts requested for the labels in `work`, if they are a cut of a hierarchy.
 pub fn requested_parts(work: &WorkDir) -> Option<PartsParams> {
     labels::method(work).filter(|params| params.cluster == Cluster::Parts).map(|params| params.parts)
 }
 
-/// Clusters the faces of the mesh in `work` (again) under `params`; what is missing between its graph and the labels is
-/// made. By the hierarchy `tree`, where one is given, and corrected. Where the mesh is not contracted, K-means and
-/// two-means take the rows over all faces that are there, of whatever metric, and the embedding's options of the stage
-/// `embedding` where `params` has none.
+/// Clusters the faces of the mesh in `work` (again) under `params`; missing stages between its graph and the labels are
+/// computed. Uses the hierarchy `tree`, if given, and applies corrections. If the mesh is not contracted, K-means and
+/// 2-means use the existing rows over all faces, whatever their metric, and the embedding options of the stage
+/// `embedding` if `params` has none.
 ///
 /// # Errors
-/// As [`segment`], and [`Error::WorkDir`] where the graph is missing.
+/// As [`segment`], and [`Error::WorkDir`] if the graph is missing.
 pub fn cluster(
     params: &SegmentParams,
     tree: Option<&PartTree>,
@@ -151,8 +151,8 @@ pub fn cluster(
     label(&graph, order, clustered, params, context)
 }
 
-/// The rows over all faces that are there, of whatever metric, or new ones; `None` where `params` have the mesh
-/// contracted, also if another command left rows over all faces.
+/// The existing rows over all faces, whatever their metric, or new ones; `None` if `params` contract the mesh, even if
+/// another command left rows over all faces.
 fn rows_over_faces(graph: &DualGraph, params: &SegmentParams, context: Context<'_>) -> Result<Option<DistanceRows>> {
     let n = graph.nodes.len();
     if params.contracts(n) {
@@ -168,8 +168,8 @@ fn rows_over_faces(graph: &DualGraph, params: &SegmentParams, context: Context<'
     }
 }
 
-/// What `params` would have to be for [`cluster`] to make nothing anew that `record` made: its options but for those
-/// of clustering.
+/// `params` with the options of `record`, except for those of clustering: with these, [`cluster`] rebuilds nothing that
+/// `record` made.
 pub fn continued(record: &input::Record, params: &SegmentParams) -> SegmentParams {
     let own = &record.params;
     SegmentParams {

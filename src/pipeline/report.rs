@@ -18,11 +18,11 @@ pub struct Report {
     pub version: &'static str,
     /// The mesh.
     pub input: Input,
-    /// What was asked for.
+    /// The options.
     pub options: serde_json::Value,
-    /// Landmark faces, numbers in the file.
+    /// Landmark faces, as numbers in the file.
     pub landmarks: Vec<u32>,
-    /// How they were chosen in the end: farthest points that turn out to be outliers are given up. Absent for K-means.
+    /// How they were finally chosen: farthest points that turn out to be outliers are replaced. Absent for K-means.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sampling: Option<Sampling>,
     /// The kernel's width, in the units of the distances.
@@ -33,14 +33,14 @@ pub struct Report {
     pub dropped_eigenpairs: usize,
     /// Share of A's negative eigenvalues in the sum of all absolute ones.
     pub negative_mass: f64,
-    /// Γ, eq. 6, where rows became an embedding; deciding parts needs none.
+    /// Γ, eq. 6, if rows were embedded; deciding on parts does not need it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gamma: Option<f64>,
-    /// Γ over the number of faces; of a mesh that was contracted (more than 60,000 faces, without `exact`), over the
-    /// number of nodes of the contraction, which Γ is summed over there.
+    /// Γ divided by the number of faces; for a contracted mesh (more than 60,000 faces, without `exact`) by the number
+    /// of nodes of the contraction, over which Γ is summed there.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gamma_per_face: Option<f64>,
-    /// Radius, in units of √(area), of the normals that turning is measured with; 0: the faces' own.
+    /// Radius, in units of √(area), of the normals used for measuring turning; 0: the faces' own.
     pub normal_radius: f32,
     /// Faces of components too small to be parts of their own.
     pub tiny_component_faces: u64,
@@ -53,23 +53,23 @@ pub struct Report {
     /// How parts were decided on; absent for K-means.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decision: Option<PartsReport>,
-    /// Whether the surface falls into parts that people would agree on: not where they would hardly have these, nor
-    /// where it is left whole. Absent where that is not known.
+    /// Whether the surface has parts that people would agree on: false if few people would have these, and if the
+    /// surface is left whole. Absent if unknown.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clear_parts: Option<bool>,
     /// The parts.
     pub parts: Vec<Part>,
-    /// What the parts measure, by label, where that was asked for.
+    /// Measurements of the parts, by label, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measures: Option<Vec<Measures>>,
     /// Seconds per stage, and in total.
     pub seconds: BTreeMap<String, f64>,
     /// Memory and disk.
     pub bytes: Bytes,
-    /// How well the parts of another mesh were carried over, where that was asked for.
+    /// The quality of the transfer of parts from another mesh, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub like: Option<serde_json::Value>,
-    /// Oddities of the input, and what else was told about the mesh and its parts during the run.
+    /// Oddities of the input, and other notes about the mesh and its parts from the run.
     pub notes: Vec<String>,
 }
 
@@ -88,26 +88,26 @@ pub struct Input {
     pub boundary_edges: u64,
     /// Edges with three faces or more.
     pub nonmanifold_edges: u64,
-    /// Faces without area or with a coordinate that is no number.
+    /// Faces without area or with a non-finite coordinate.
     pub degenerate_faces: u64,
-    /// Vertices far outside of the rest, taken to lie amid their neighbours.
+    /// Vertices far outside the rest, moved to the mean of their neighbours.
     pub stray_vertices: u64,
-    /// Faces treated as wound the other way: against their component, or inwards.
+    /// Faces whose winding was flipped: it contradicted their component, or pointed inwards.
     pub turned_faces: u64,
-    /// Edges where no consistent winding exists.
+    /// Edges without a consistent winding.
     pub unoriented_edges: u64,
     /// Share of steps from face to face that lead far away in the file's order, 0 to 1.
     pub far_steps: f64,
-    /// Whether faces were sorted along a curve for the work.
+    /// Whether faces were sorted along a curve for processing.
     pub reordered: bool,
-    /// Open edges joined to others at exactly the same position.
+    /// Open edges welded to others at exactly the same position.
     pub welded_edges: u64,
 }
 
 /// Memory and disk.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Bytes {
-    /// Most bytes allocated at a time (mapped files are not), where counted.
+    /// Peak of allocated bytes (mapped files do not count), if counted.
     pub peak_allocated: Option<u64>,
     /// The memory budget.
     pub budget: u64,
@@ -116,11 +116,11 @@ pub struct Bytes {
 }
 
 impl Report {
-    /// Puts the report together: of the mesh at `path`, with what the run `told`, and with `peak` from a counting
+    /// Builds the report: for the mesh at `path`, with the seconds and notes in `told`, and with `peak` from a counting
     /// allocator, if any.
     ///
     /// # Errors
-    /// [`crate::base::Error::Internal`] for options that JSON cannot tell.
+    /// [`crate::base::Error::Internal`] for options that JSON cannot represent.
     pub fn new(
         path: &Path,
         params: &SegmentParams,
@@ -179,9 +179,9 @@ impl Report {
         Ok(report)
     }
 
-    /// What a person should know of the parts that `params` asked for, a line each.
+    /// Remarks for a person on the parts that `params` asked for, one per line.
     pub fn remarks(&self, params: &SegmentParams) -> Vec<String> {
-        // A number that was asked for may well be more than there are.
+        // A requested number may well exceed the number of natural parts.
         let found = params.parts.count == PartCount::Found && self.input.faces > 1;
         self.inside().into_iter().chain(self.doubts().filter(|_| found)).collect()
     }
@@ -191,7 +191,7 @@ impl Report {
         self.parts.iter().filter(|part| part.unsure == Some(true)).map(|part| part.label)
     }
 
-    /// What the surface encloses, in words; none where that is nothing or not known.
+    /// A description of what the surface encloses; `None` if that is nothing or unknown.
     pub fn inside(&self) -> Option<String> {
         let Enclosed { walls, bodies } = self.decision.as_ref()?.enclosed;
         let percent = |share: f64| format!("{:.0} % of the area", 100. * share);
@@ -204,7 +204,7 @@ impl Report {
         }
     }
 
-    /// Which of the parts people would hardly have, in words; none where that is not known or all is well.
+    /// A description of the parts that few people would have; `None` if that is unknown or there are none.
     fn doubts(&self) -> Option<String> {
         let unsure: Vec<String> = self.unsure().map(|label| label.to_string()).collect();
         match (self.clear_parts?, unsure.as_slice()) {

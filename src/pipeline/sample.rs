@@ -1,9 +1,9 @@
-//! The sample that parts are decided with: rows of distances over all faces, averaged over cells.
+//! The sample on which parts are decided: rows of distances over all faces, averaged over cells.
 //!
-//! Deciding needs the averages alone. A work directory that lasts keeps the rows all the same: a run with other
-//! options, an embedding, or a run after a killed one can use them. In a temporary one each row is averaged as it comes
-//! from its front and then forgotten. That saves 4 l bytes of disk per face, 80 to 240, and the time to write and read
-//! them. The averages are the same numbers both ways.
+//! The decision needs only the averages. A kept work directory keeps the rows nevertheless: a run with other options,
+//! an embedding, or a run after a killed one can use them. In a temporary one each row is averaged as soon as its front
+//! is done and then discarded. That saves 4 l bytes of disk per face, 80 to 240, and the time to write and read them.
+//! The averages are the same numbers either way.
 //!
 //! Cost: one front per landmark, and one pass over each row; l × 2,000 averages are kept.
 
@@ -24,14 +24,14 @@ use crate::store::stage::{Made, Stage};
 use serde_json::{Value, json};
 use std::sync::{Mutex, PoisonError};
 
-/// Greatest share of the surface that may be nearest to a single landmark.
+/// Maximum share of the surface that may be nearest to a single landmark.
 const OUTLIERS: f64 = 0.8;
-/// So few landmarks tell nothing about outliers.
+/// With this few landmarks, outliers cannot be judged.
 const FEW: usize = 10;
-/// The averages.
+/// The file of the averages.
 const FILE: &str = "cell_rows.npy";
 
-/// The rows `[A B]` that `params` asks for.
+/// The rows `[A B]` for `params`.
 pub(super) fn rows(
     graph: &DualGraph,
     weighted: &WeightedGraph,
@@ -50,7 +50,7 @@ pub(super) fn rows(
 /// Landmarks, and their distances averaged over cells.
 pub(super) struct Sample {
     pub landmarks: Landmarks,
-    /// Distances of each landmark from those before it (l, then 0, 1, … l − 1).
+    /// Distances of each landmark from the earlier ones (lengths 0, 1, … l − 1).
     pub between: Vec<Vec<f32>>,
     /// Mean distances of cells, row-major l × S.
     pub b: Vec<f64>,
@@ -66,12 +66,12 @@ impl Sample {
 }
 
 impl WeightedSurface<'_> {
-    /// The sample that `params` asks for, of `l` landmarks; where they are farthest points that turned out to be
-    /// outliers, one of landmarks drawn by area instead.
+    /// The sample for `params`, with `l` landmarks; if they are farthest points that turn out to be outliers, landmarks
+    /// drawn by area are used instead.
     ///
-    /// Farthest points are corners that few paths lead out of: mostly tips of limbs, which is what parts are told apart
-    /// by. A surface full of pockets, like an isosurface of a scanned body, has pockets for all of them. Then all the
-    /// rest is equally far from every landmark, one cluster of the embedding, and one part.
+    /// Farthest points are at extremities: mostly tips of limbs, which is what distinguishes parts. On a surface full
+    /// of pockets, such as an isosurface of a scanned body, all of them may be in pockets. Then the rest of the surface
+    /// is equally far from every landmark, one cluster of the embedding, and one part.
     pub fn representative(self, l: usize, params: &SegmentParams, context: Context<'_>) -> Result<Sample> {
         let first = self.sample(l, params, context)?;
         let share = greatest_share(&first.b, &self.surface.cells()?.graph.area);
@@ -101,7 +101,7 @@ impl WeightedSurface<'_> {
         })
     }
 
-    /// Rows averaged as they come, and forgotten.
+    /// Rows averaged as they are computed, and discarded.
     fn passing(self, params: RowParams<Sampling>, context: Context<'_>) -> Result<Sample> {
         let Self { graph, weighted, surface } = self;
         let average = CellAverages::new(surface.cells()?, &surface.shares);
@@ -120,7 +120,7 @@ impl WeightedSurface<'_> {
         Ok(Sample { landmarks, between, b: b.concat(), sampling: params.sampling })
     }
 
-    /// The rows behind a decision that left `numbers`, and their means over cells: as a rule they are still there.
+    /// The rows of a decision that reported `numbers`, and their means over cells: usually they still exist.
     pub fn rows_used(
         self,
         numbers: &SegmentStats,

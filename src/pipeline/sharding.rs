@@ -1,14 +1,14 @@
-//! Work that several processes share over one work directory: who makes what comes before, and how the others find it.
+//! Work divided among several processes over one work directory: who prepares it, and how the others find it.
 //!
-//! The first process takes the directory for itself and makes all stages up to what is divided; it stamps a stage that
-//! names them, and lets go. Shares are then computed under a shared lock, each into files of
-//! its own. A process that finds the stage stamped needs neither mesh nor lock of its own. A scheduler, which waits
-//! better than a process does, has the first step done by [`prepare_shared`] alone; shards then never wait.
+//! The first process locks the directory exclusively, makes all stages up to the divided one, records a stage that
+//! refers to them, and unlocks. Shares are then computed under a shared lock, each into its own files. A process that
+//! finds the stage recorded needs neither the mesh nor an exclusive lock. A scheduler can run the first step separately
+//! with [`prepare_shared`], since it waits more efficiently than a process; shards then never wait.
 //!
-//! Rows over all faces are divided by landmark. Of a large mesh that is contracted, the fronts from many sources
-//! are divided, by ranges of nodes: those of the normals, then that of the contraction; after its rows those of
-//! the boundaries ([`super::shared_boundaries`]). The stages that ask for these find the shares
-//! ([`SharedFront`], [`shard::merge`]).
+//! Rows over all faces are divided by landmark. For a large mesh that is contracted, the fronts from many sources are
+//! divided by ranges of nodes: those of the normals, then that of the contraction; after its rows, those of the
+//! boundaries ([`super::shared_boundaries`]). The stages that need these use the shares ([`SharedFront`],
+//! [`shard::merge`]).
 
 use super::decision::CONTRACTED;
 use super::input::Record;
@@ -35,47 +35,47 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::time::Duration;
 
-/// Version of what the stages tell.
+/// Version of the stages' content.
 const VERSION: u32 = 2;
 
-/// What is divided.
+/// The kind of work that is divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Divided {
     /// The rows over all faces, by landmark.
     Rows,
-    /// The fronts that normals of a large mesh are averaged by, by ranges of faces.
+    /// The fronts for averaging the normals of a large mesh, by ranges of faces.
     Normals,
     /// The front that contracts a large mesh, likewise; after the normals.
     Contraction,
-    /// The rows over the contraction, by landmark; when it is there.
+    /// The rows over the contraction, by landmark; after the contraction.
     ContractedRows,
-    /// The front that measures how deep in their parts faces lie, by ranges of faces; after these rows.
+    /// The front that measures the depth of faces in their parts, by ranges of faces; after these rows.
     Depths,
     /// The front that labels the narrow bands around boundaries, likewise; last.
     Bands,
 }
 
 impl Divided {
-    /// Whether a share is some of the rows; else it is a range of faces.
+    /// Whether a share consists of rows; otherwise it is a range of faces.
     pub fn is_by_landmark(self) -> bool {
         matches!(self, Self::Rows | Self::ContractedRows)
     }
 }
 
-/// What the stages of rows keep.
+/// What is recorded for rows.
 #[derive(Debug, Serialize, Deserialize)]
 struct RowShardFacts {
-    /// Key of the weights, or of the contraction that has some.
+    /// Key of the weights, or of the contraction that provides them.
     weights: String,
-    /// Number of landmarks; 0 where the mesh is too small to be contracted.
+    /// Number of landmarks; 0 if the mesh is too small to be contracted.
     l: usize,
     sampling: Sampling,
 }
 
-/// What the stage of fronts keeps.
+/// What is recorded for fronts.
 #[derive(Debug, Serialize, Deserialize)]
 struct FrontFacts {
-    /// The fronts and their numbers of sources; none where the mesh is too small to be contracted.
+    /// The fronts and their numbers of sources; empty if the mesh is too small to be contracted.
     fronts: Vec<(String, usize)>,
     /// Key of the graph.
     graph: String,
@@ -83,7 +83,7 @@ struct FrontFacts {
     nodes: usize,
     /// Key of the weights, for fronts under them.
     weights: Option<String>,
-    /// Key of the stage that they are for.
+    /// Key of the stage that uses them.
     used_by: String,
 }
 
@@ -92,12 +92,12 @@ fn sources_file(front: &str) -> String {
     format!("{front}_sources.npy")
 }
 
-/// The work that is divided, on a mesh and under options.
+/// The divided work on a given mesh with given options.
 #[derive(Clone, Copy, Debug)]
 pub struct SharedWork<'a> {
-    /// What of it.
+    /// The kind of work.
     pub divided: Divided,
-    /// Which mesh it is ([`input::identity`]).
+    /// Identity of the mesh ([`input::identity`]).
     pub identity: &'a Value,
     /// The options.
     pub params: &'a SegmentParams,
@@ -119,15 +119,15 @@ impl SharedWork<'_> {
         StageKey::new(name, VERSION, json!({"input": identity, "params": params, "seed": run.seed}))
     }
 
-    /// What the stage in `work` says, where the weights that it names are still there: a run with other options may
-    /// have made others since.
+    /// The record of the stage in `work`, if the weights that it refers to still exist: a run with other options may
+    /// have replaced them.
     fn rows(&self, work: &WorkDir, run: &Run) -> Option<RowShardFacts> {
         let key = self.key(run);
         let facts: RowShardFacts = work.reuse(key.name, key.version, &key.key).ok()?;
         let there = match self.divided {
             Divided::ContractedRows if facts.l == 0 => true,
             Divided::ContractedRows => work.inner(CONTRACTED).ok()?.has_stage(Contraction::NAME, &facts.weights),
-            // Somebody altered what says that there are no rows.
+            // An altered manifest might claim that there are no rows.
             _ => facts.l > 0 && work.has_stage(WeightsStage::NAME, &facts.weights),
         };
         there.then_some(facts)
@@ -150,7 +150,7 @@ impl SharedWork<'_> {
         work.reuse(key.name, key.version, &key.key).ok().filter(|facts: &BoundaryFacts| facts.stand(work, run))
     }
 
-    /// Whether everything before the shares is there.
+    /// Whether everything that the shares need exists.
     fn is_prepared(&self, work: &WorkDir, run: &Run) -> bool {
         match self.divided {
             Divided::Rows | Divided::ContractedRows => self.rows(work, run).is_some(),
@@ -159,7 +159,7 @@ impl SharedWork<'_> {
         }
     }
 
-    /// Makes everything before the shares in `work`.
+    /// Makes everything that the shares need in `work`.
     fn prepare(&self, opened: &Mesh, context: Context<'_>) -> Result<()> {
         match self.divided {
             Divided::Rows => self.prepare_rows(opened, context).map(drop),
@@ -231,7 +231,7 @@ impl SharedWork<'_> {
         work.stamp(self.key(run), &files, &facts, 0.)
     }
 
-    /// Computes a share in `work`; how many rows or faces it has. `None` where what comes before is not there.
+    /// Computes a share in `work`; returns its number of rows or faces. `None` if what it needs does not exist.
     fn share(&self, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<Option<usize>> {
         match self.divided {
             Divided::Rows | Divided::ContractedRows => {
@@ -291,14 +291,15 @@ impl SharedWork<'_> {
     }
 }
 
-/// Says that a share is empty: the mesh is small, or later stages are made. The number of its faces or rows.
+/// Notes that a share is empty, since the mesh is small or later stages exist. Returns 0, the number of its faces or
+/// rows.
 fn nothing_to_do(run: &Run) -> usize {
     run.progress
         .note_of_work("nothing to do: small meshes are not divided, and what is made already is not made again");
     0
 }
 
-/// Landmarks that `params` asks for on a mesh of `faces` faces.
+/// Number of landmarks of `params` on a mesh of `faces` faces.
 ///
 /// # Errors
 /// [`Error::Parameter`] for K-means without a number of parts and of landmarks.
@@ -309,12 +310,12 @@ fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
     Ok(params.landmarks_of(faces))
 }
 
-/// The same for rows over all of them, also where the method would contract the mesh.
+/// The same for rows over all faces, even if the method would contract the mesh.
 fn landmarks_over_faces(params: &SegmentParams, faces: usize) -> Result<usize> {
     landmarks(&params.clone().exact(true), faces)
 }
 
-/// Makes everything that shards share, or finds it made; `open` reads the mesh where that is needed.
+/// Makes everything that shards need, or finds it; `open` reads the mesh if necessary.
 ///
 /// # Errors
 /// As [`super::segment()`], and [`Error::WorkDir`] where another process uses the directory.
@@ -343,9 +344,9 @@ pub fn compute_all_rows(
     DistanceRows::build(&weighted, nodes[..].into(), rows, context)
 }
 
-/// Computes one share in the work directory `path`, making what comes before where no other process did. `open` reads
-/// the mesh, with decoded arrays going to the work directory; it is called only where needed. How many rows or faces
-/// the share has is returned.
+/// Computes one share in the work directory `path`, making what it needs if no other process did. `open` reads the
+/// mesh, with decoded arrays going to the work directory; it is called only if necessary. Returns the number of rows or
+/// faces of the share.
 ///
 /// # Errors
 /// As [`super::segment()`], and [`Error::Parameter`] for a shard that does not exist.
@@ -368,7 +369,7 @@ pub fn compute_shard(
     })
 }
 
-/// The record in the work directory at `path`, which other processes may be preparing; none where it keeps none.
+/// The record in the work directory at `path`, which other processes may be preparing; `None` if there is none.
 ///
 /// # Errors
 /// [`crate::base::Error::WorkDir`] for a folder that is something else; [`crate::base::Error::Io`],
@@ -380,8 +381,8 @@ pub fn record(path: &Path, run: &Run) -> Result<Option<Record>> {
     waiting(path, run, || Ok(WorkDir::try_open(path, true)?.map(|work| Record::read(&work).ok()).ok_or(true)))
 }
 
-/// What `attempt` finds, again and again: after a while where it says that another process uses the work directory at
-/// `path` (`true`).
+/// Repeats `attempt` until it finds something; waits in between if it reports (`true`) that another process uses the
+/// work directory at `path`.
 fn waiting<R>(path: &Path, run: &Run, mut attempt: impl FnMut() -> Result<Result<R, bool>>) -> Result<R> {
     let mut told = false;
     loop {
@@ -405,8 +406,8 @@ mod tests {
     use super::*;
     use crate::cluster::parts::{PartCount, PartsParams};
 
-    /// Regression: the number of parts, on which it depends whether a mesh is contracted, was no part of the keys of
-    /// normals and contraction. "Nothing to do" of a thousand parts and one answered for ten.
+    /// Regression: the number of parts, which affects whether a mesh is contracted, was missing in the keys of normals
+    /// and contraction. "Nothing to do" for a thousand parts was then taken as the answer for ten.
     #[test]
     fn every_kind_of_share_is_of_one_number_of_parts() {
         use Divided::{Bands, ContractedRows, Contraction, Depths, Normals, Rows};

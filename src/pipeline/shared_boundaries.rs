@@ -1,9 +1,9 @@
-//! The two fronts of boundaries in shares: depths of faces in their parts, then labels of the narrow bands.
+//! The two fronts of boundaries, divided into shares: depths of faces in their parts, then labels of the narrow bands.
 //!
-//! Where interiors begin depends on the depths of all faces, so the second front waits for the first. What comes
-//! before the shares is everything up to the decision, and passes over all faces that find the sources. A share of
-//! the bands takes the parts from the contracted nodes and the depths from their shares, so nothing of the size of
-//! the mesh is written for it.
+//! The start of interiors depends on the depths of all faces, so the second front waits for the first. Before the
+//! shares, everything up to the decision is computed, and passes over all faces find the sources. A share of the bands
+//! takes the parts from the contracted nodes and the depths from their shares, so nothing of the size of the mesh is
+//! written for it.
 
 use super::decision::CONTRACTED;
 use super::params::SegmentParams;
@@ -29,26 +29,26 @@ const INTERIOR_EDGE: &str = "bands_sources.npy";
 /// Part of each contracted node.
 const UNIT_PARTS: &str = "bands_parts.npy";
 
-/// What shares of boundaries need to know.
+/// What the shares of boundaries need.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct BoundaryFacts {
     /// Key of the graph, and of the weights.
     keys: [String; 2],
     /// Number of nodes, and of contracted nodes.
     nodes: [usize; 2],
-    /// Number of sources: of the depths, and of the bands. None where the mesh is too small to be
-    /// contracted, or is one part.
+    /// Number of sources: of the depths, and of the bands. 0 if the mesh is too small to be contracted, or is a single
+    /// part.
     sources: [usize; 2],
     /// Half the width of the narrow bands.
     half_width: f32,
     /// The depth at which the interior of each part begins; for bands.
     limits: Vec<f32>,
-    /// Key of the labels that they are for.
+    /// Key of the labels that use them.
     used_by: String,
 }
 
 impl BoundaryFacts {
-    /// Makes what comes before the shares of the depths, or of the `bands`; the files that it is in.
+    /// Makes what the shares of the depths, or of the `bands`, need; returns its files.
     ///
     /// # Errors
     /// As [`super::segment()`].
@@ -91,7 +91,7 @@ impl BoundaryFacts {
             return Ok((facts, vec![BOUNDARY_NODES]));
         }
         if depths.shares(work)?.is_none() {
-            // Nobody has divided them.
+            // Nobody has divided them, so they are computed here.
             depths.share((0, 1), &|_| None, context)?;
         }
         let shares = depths.shares(work)?.ok_or_else(|| Error::internal("the depths of faces are gone"))?;
@@ -105,8 +105,8 @@ impl BoundaryFacts {
         Ok((facts, vec![BOUNDARY_NODES, INTERIOR_EDGE, UNIT_PARTS]))
     }
 
-    /// Whether the graph is still what it was, and for bands its contraction: a run with other options may have made
-    /// another, and one with these the weights anew, but no contraction.
+    /// Whether the graph is unchanged, and for bands its contraction: a run with other options may have made another
+    /// contraction, and a later one with these options only the weights.
     pub fn stand(&self, work: &WorkDir, run: &Run) -> bool {
         let contracted = || {
             let manifest = work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")).ok();
@@ -117,7 +117,7 @@ impl BoundaryFacts {
             || work.has_stage(WeightsStage::NAME, &self.keys[1]) && (self.sources[1] == 0 || contracted())
     }
 
-    /// Whether there is nothing to share, or the labels are made.
+    /// Whether there is nothing to share, or the labels exist.
     pub fn is_done(&self, work: &WorkDir) -> bool {
         self.sources[0] == 0 || work.manifest().stages.values().any(|stage| stage.key == self.used_by)
     }
@@ -126,7 +126,7 @@ impl BoundaryFacts {
         work.indices(BOUNDARY_NODES, self.sources[0], self.nodes[0])
     }
 
-    /// Computes a share of the depths; how many faces it has.
+    /// Computes a share of the depths; returns its number of faces.
     ///
     /// # Errors
     /// As [`crate::distance::SharedFront::share`].
@@ -136,7 +136,7 @@ impl BoundaryFacts {
         boundary::depth_front(&graph, self.half_width, &nodes).share(shard, &|_| None, Context::new(work, run))
     }
 
-    /// Computes a share of the bands; how many faces it has. `None` where depths are missing.
+    /// Computes a share of the bands; returns its number of faces. `None` if depths are missing.
     ///
     /// # Errors
     /// As [`crate::distance::SharedFront::share`].
@@ -165,8 +165,8 @@ mod tests {
     use super::*;
     use crate::store::stage::StageKey;
 
-    /// Regression: a run with other weights left its contraction, and one with these made only the weights again.
-    /// Shares of bands took the parts of nodes of one from those of the other.
+    /// Regression: a run with other weights left its contraction, and one with these recomputed only the weights.
+    /// Shares of bands then took the parts of one contraction's nodes from the other.
     #[test]
     fn bands_stand_on_the_contraction_of_their_weights() {
         let dir = tempfile::tempdir().unwrap();

@@ -1,10 +1,10 @@
-//! Two meshes made ready to be matched, and their refined match.
+//! Two meshes prepared for matching, and their refined match.
 //!
-//! Each mesh is made into a vertex graph, rows and an embedding in a folder of its own ([`Side`]). [`refined`] takes
-//! two of them and alignments of their embeddings to matches. What both [`super::correspond`] of wholes and
-//! [`super::partial`] are made of.
+//! Each mesh is turned into a vertex graph, rows and an embedding in its own folder ([`Side`]). [`refined`] computes
+//! matches from two of them and alignments of their embeddings. [`super::correspond`] of wholes and [`super::partial`]
+//! both build on this.
 //!
-//! Cost: everything of the size of a mesh is a mapped file; allocated are queues of fronts.
+//! Cost: everything of the size of a mesh is a mapped file; only queues of fronts are allocated.
 
 use crate::apps::correspond::align::TELLING;
 use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
@@ -30,29 +30,29 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 use serde_json::Value;
 
-/// What `correspond` is asked to do.
+/// Parameters of `correspond`.
 #[derive(Clone, Copy, Debug, Serialize)]
 #[non_exhaustive]
 pub struct CorrespondParams {
     /// Number of landmarks l on each mesh.
     pub landmarks: usize,
-    /// How landmarks are chosen, on each mesh by itself.
+    /// How landmarks are chosen, on each mesh independently.
     pub sampling: Sampling,
-    /// How far apart vertices are.
+    /// How distances between vertices are measured.
     pub distance: Distance,
     /// How vertices are embedded.
     pub embedding: OrthogonalParams,
     /// Which matches are kept.
     pub matching: Matching,
-    /// Whether landmarks of A are carried to B by the first matches and everything is done again with these.
+    /// Whether landmarks of A are transferred to B by the first matches and everything is repeated with these.
     pub transfer: bool,
-    /// Which of several alignments, from 0.
+    /// Which of several alignments to use, from 0.
     pub alternative: usize,
     /// How the first matches are refined.
     pub refine: Refine,
-    /// Whether matches inside triangles are made too.
+    /// Whether matches inside triangles are computed too.
     pub points: bool,
-    /// Whether one mesh may be a part of the other, at the same scale; what has no counterpart stays without a match.
+    /// Whether one mesh may be a part of the other, at the same scale; vertices without a counterpart stay unmatched.
     pub partial: bool,
 }
 
@@ -86,16 +86,16 @@ crate::base::setters::setters!(CorrespondParams {
     partial: bool
 });
 
-/// What is known of the map beforehand; for refinement alone.
+/// Prior knowledge of the map; only for refinement.
 #[derive(Clone, Debug, Default)]
 pub struct Guidance {
-    /// Pairs of landmarks, vertices of A and B.
+    /// Pairs of corresponding vertices of A and B.
     pub pairs: Vec<(u32, u32)>,
-    /// A map to begin with: for each vertex of A one of B.
+    /// An initial map: for each vertex of A one of B.
     pub map: Option<Vec<Option<u32>>>,
 }
 
-/// A refined map in functions.
+/// A refined map as a matrix between functions.
 #[derive(Clone, Debug)]
 pub struct FunctionalMap {
     /// C (k × k): functions of B at matches are C times those of A.
@@ -104,26 +104,27 @@ pub struct FunctionalMap {
     pub bases: [LocalBasis; 2],
 }
 
-/// Landmarks for meshes of up to `vertices` vertices: fewer where a row costs a third of a second. On twelve decimated
-/// series 20 instead of 50 take the mean error from .007 to .010.
+/// Default number of landmarks for meshes of up to `vertices` vertices: fewer if a row costs a third of a second. On
+/// twelve decimated series, 20 instead of 50 increase the mean error from .007 to .010.
 pub fn default_landmarks_for_vertices(vertices: usize) -> usize {
     if vertices <= LARGE { 50 } else { 20 }
 }
 
-/// Vertices of each mesh from which local rows start.
+/// Number of vertices of each mesh from which local rows start.
 pub(super) const LOCAL_SAMPLES: usize = 700;
-/// Width of the local kernel, in mean spacings of these vertices: wide enough to even out how they lie.
+/// Width of the local kernel, relative to the mean spacing of these vertices: wide enough to even out their
+/// distribution.
 pub(super) const LOCAL_WIDTH: f64 = 1.6;
-/// The same for meshes beyond [`LARGE`] vertices, where fronts to the limit cost the most.
+/// The same for meshes beyond [`LARGE`] vertices, where truncated fronts cost the most.
 pub(super) const LARGE_WIDTH: f64 = 1.1;
-/// Vertices of a large mesh, which gets fewer landmarks and a narrower kernel.
+/// Number of vertices above which a mesh gets fewer landmarks and a narrower kernel.
 pub(super) const LARGE: usize = 300_000;
-/// Widths at which a local row ends.
+/// Length of a local row, in kernel widths.
 const LOCAL_REACH: f64 = 2.7;
-/// Functions of refinement.
+/// Number of functions for refinement.
 const FUNCTIONS: usize = 100;
 
-/// A mesh made ready.
+/// A prepared mesh.
 pub struct Side<'a> {
     /// The mesh.
     pub opened: &'a Mesh,
@@ -131,19 +132,19 @@ pub struct Side<'a> {
     pub graph: VertexGraph,
     /// Distances from its landmarks.
     pub rows: DistanceRows,
-    /// What embeds it.
+    /// Its fitted embedding.
     pub fit: OrthogonalEmbedding,
     /// Its embedded vertices (n).
     pub points: MappedSlice<Point>,
-    /// How it lies there.
+    /// The orientation of the embedded shape.
     pub tensor: Tensor,
-    /// What no stage keeps, and goes with this.
+    /// Temporary data, removed with this value.
     pub(super) work: WorkDir,
-    /// Where graph and rows are.
+    /// The directory of graph and rows.
     _kept: WorkDir,
 }
 
-/// What the report tells of a mesh.
+/// Facts about a mesh for the report.
 #[derive(Clone, Debug, Serialize)]
 pub struct SideFacts {
     /// Counts.
@@ -157,28 +158,28 @@ pub struct SideFacts {
     pub variance: Vec<f64>,
 }
 
-/// Matches, and what is to be said of them.
+/// Matches, and facts about them.
 #[derive(Debug)]
 pub struct Correspondence {
     /// One match per vertex of A (n).
     pub matches: MappedSlice<Match>,
     /// The alignments found.
     pub alignments: Alignments,
-    /// What the likeliest starts were refined to, the best first; none without refinement.
+    /// The refined results of the likeliest starts, best first; empty without refinement.
     pub refined: Vec<Outcome>,
-    /// The map that was taken, in functions; none without refinement.
+    /// The chosen map as a matrix between functions; `None` without refinement.
     pub functional: Option<FunctionalMap>,
-    /// Matches inside triangles (n), if asked for.
+    /// Matches inside triangles (n), if requested.
     pub points: Option<MappedSlice<SurfacePoint>>,
-    /// Maps from the part to the whole, the best first; none of whole meshes.
+    /// Maps from the part to the whole, best first; empty for whole meshes.
     pub partial: Vec<PartialOutcome>,
     /// Facts of A and B.
     pub sides: [SideFacts; 2],
 }
 
 impl<'a> Side<'a> {
-    /// Makes a mesh ready in the folder `name` of `work`. With `input`, which says what the mesh is
-    /// ([`super::input::identity`]), graph and rows are kept there, or taken from there where they are of the same.
+    /// Prepares a mesh in the folder `name` of `work`. With `input`, which identifies the mesh
+    /// ([`super::input::identity`]), graph and rows are kept there, and reused if they belong to the same mesh.
     ///
     /// # Errors
     /// [`Error::Parameter`], [`Error::Unusable`] for a mesh without triangles or without area, [`Error::Io`],
@@ -208,7 +209,7 @@ impl<'a> Side<'a> {
             None => Ok((VertexGraph::build(&mesh, path, context)?, String::new())),
         };
         let ((graph, key), _) = context.run.stage("vertex graph", "vertices", n, build)?;
-        // All distances would be 0, or infinitely many units of the root of the area.
+        // All distances would be 0, or infinite in units of the square root of the area.
         if !(graph.facts.area > 0. && graph.facts.area.is_finite()) {
             let problem = "has no area: its vertices lie at one place or on a line";
             return Err(Error::unusable(path, problem, "give a surface"));
@@ -234,7 +235,7 @@ impl<'a> Side<'a> {
         Ok(Self { opened, graph, rows, fit, points, tensor, work, _kept: kept })
     }
 
-    /// As alignment sees it.
+    /// The data for alignment.
     pub(super) fn shape(&self) -> Shape<'_> {
         Shape {
             points: &self.points,
@@ -246,7 +247,7 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// Smooth functions on it, from `samples` vertices and a kernel of `width` of their spacings, in the file `name`.
+    /// Smooth functions on it, from `samples` vertices and a kernel of `width` times their spacing, in the file `name`.
     pub(super) fn basis(
         &self,
         samples: usize,
@@ -273,9 +274,9 @@ impl<'a> Side<'a> {
         Ok(basis)
     }
 
-    /// As refinement sees it, `points` being its embedded vertices.
+    /// The data for refinement, with `points` as its embedded vertices.
     fn refinable<'s>(&'s self, basis: &'s LocalBasis, points: &'s [Point]) -> Refinable<'s> {
-        // Its tensor is that of its own embedding.
+        // Its tensor belongs to its own embedding only.
         let tensor = std::ptr::eq(points, &self.points[..]).then_some(&self.tensor);
         Refinable { basis, points, tensor, nodes: &self.graph.nodes, rows: &self.rows, unit: self.graph.unit() }
     }
@@ -324,32 +325,32 @@ pub(super) fn no_alternative(asked: usize, found: usize) -> Error {
     Error::parameter("alternative", format!("{asked} of {found}"), "count from 0; the report lists them")
 }
 
-/// What is refined, and how.
+/// The inputs of a refinement.
 #[derive(Clone, Copy)]
 pub(super) struct Refinement<'a> {
-    /// A and B, each with the graph whose vertices are matched: the first of the mesh.
+    /// A and B, each with the graph whose vertices are matched: that of the original mesh.
     pub sides: [(&'a Side<'a>, &'a VertexGraph); 2],
-    /// B as alignments see it.
+    /// B's embedded vertices for alignment.
     pub points_b: &'a [Point],
     /// The options.
     pub params: &'a CorrespondParams,
-    /// What is known beforehand.
+    /// Prior knowledge.
     pub guidance: &'a Guidance,
-    /// What names of files begin with.
+    /// Prefix of file names.
     pub name: &'a str,
 }
 
 /// Refines all alignments, and matches vertices by the best outcome.
 ///
 /// # Errors
-/// [`Error::Parameter`] for an alternative that is not there; [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
+/// [`Error::Parameter`] for an alternative that does not exist; [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
 pub(super) fn refined(
     refinement: Refinement<'_>,
     mut alignments: Alignments,
     context: Context<'_>,
 ) -> Result<Correspondence> {
     let Refinement { sides: [(a, graph_a), (b, graph_b)], points_b, params, guidance, name } = refinement;
-    // The same number on both, so that the kernels are equally wide.
+    // The same number on both, so that the kernels have the same width.
     let samples = LOCAL_SAMPLES.min(a.graph.len()).min(b.graph.len());
     let width = if a.graph.len().max(b.graph.len()) > LARGE { LARGE_WIDTH } else { LOCAL_WIDTH };
     let basis = |side: &Side<'_>| side.basis(samples, width, params, &format!("{name}functions.npy"), context.run);
@@ -374,7 +375,7 @@ pub(super) fn refined(
             let start = alignments.starts[at].clone();
             Alignment { orientation: one.orientation.unwrap_or(start.orientation), ..start }
         }
-        // The user vouches for these.
+        // Provided by the user and taken as correct.
         Start::Landmarks | Start::Map => Alignment {
             transform: DMatrix::identity(1, 1),
             cost: 0.,

@@ -1,10 +1,10 @@
-//! The surface as deciding parts needs it: shares of area, normals at a radius, cells. A stage of its own, independent
-//! of landmarks, weights and numbers of parts.
+//! The surface data for deciding on parts: area shares, smoothed normals, cells. A stage of its own, independent of
+//! landmarks, weights and numbers of parts.
 //!
-//! A large surface has no cells of its own: they are cut on its contraction.
+//! A large surface has no cells of its own: those of its contraction are used.
 //!
-//! Cost: nothing but a sample where the surface is large and clean, else one to three fronts for normals; one front
-//! from two thousand seeds (cells); 4 to 20 bytes per face are kept.
+//! Cost: only a sample if the surface is large and clean, else one to three fronts for normals; one front from two
+//! thousand seeds (cells); 4 to 20 bytes per face are kept.
 
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
@@ -26,26 +26,26 @@ use serde_json::{Value, json};
 
 const NORMALS: [&str; 3] = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
 const SHARES: &str = "surface_shares.npy";
-/// The normals at one radius that are kept, to [`Room`].
+/// The name of the kept normals for [`Room`].
 pub(super) const NORMALS_KEPT: &str = "normals";
 /// The graph of the cells.
 pub(super) const CELL_GRAPH: &str = "cell_graph.json";
 
-/// What the nodes of a graph are.
+/// The kind of nodes in a graph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Faces of a mesh.
     Faces,
-    /// Cells of a contracted one.
+    /// Nodes of a contraction.
     Contracted,
 }
 
-/// The surface: what faces count, how they are oriented, and which cell they belong to.
+/// The surface: area shares of nodes, their normals, and their cells.
 pub(super) struct PreparedSurface {
     pub shares: AreaShares,
-    /// Where parts are decided on this surface itself, and not on its contraction.
+    /// Cells, if parts are decided on this surface itself rather than on its contraction.
     pub cells: Option<Cells>,
-    /// The smoothed normals that turning is measured with, where the faces' own are too rough.
+    /// The smoothed normals for measuring turning, if the faces' own are too rough.
     pub normals: Option<Normals>,
     /// Their radius, in units of √(area); 0: the faces' own.
     pub radius: f32,
@@ -59,7 +59,7 @@ impl PreparedSurface {
         self.cells.as_ref().ok_or_else(|| Error::internal("a decision on a surface that was not cut into cells"))
     }
 
-    /// Gives up the normals, which the weights are made of, in a temporary `work`: 12 B a face of disk.
+    /// Deletes the normals in a temporary `work` once the weights are computed: 12 B of disk per face.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -71,7 +71,7 @@ impl PreparedSurface {
     }
 }
 
-/// A graph with its weights and its surface: what rows run over, and what they are averaged to.
+/// A graph with its weights and its surface: the basis of rows and of their averages.
 #[derive(Clone, Copy)]
 pub(super) struct WeightedSurface<'a> {
     pub graph: &'a DualGraph,
@@ -80,7 +80,7 @@ pub(super) struct WeightedSurface<'a> {
 }
 
 impl<'a> WeightedSurface<'a> {
-    /// What boundaries are refined on, where weights are of this `metric`.
+    /// The surface for refining boundaries, if the weights use this `metric`.
     pub fn boundaries(self, metric: Metric) -> BoundarySurface<'a> {
         let Self { graph, weighted, surface } = self;
         let is_rough = surface.radius > 0.;
@@ -89,7 +89,7 @@ impl<'a> WeightedSurface<'a> {
     }
 }
 
-/// What the manifest keeps.
+/// What the manifest records.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct SurfaceFacts {
     unit: f32,
@@ -97,7 +97,7 @@ pub(super) struct SurfaceFacts {
     tiny_nodes: u64,
     /// Index into [`RADII`] of the normals in use.
     radius: Option<usize>,
-    /// Σ length · |θ| with the faces' own normals, those at .01 where they were needed, and those at .02.
+    /// Σ length · |θ| with the faces' own normals, those at .01 if they were needed, and those at .02.
     turning: Vec<f64>,
 }
 
@@ -105,9 +105,9 @@ pub(super) struct SurfaceFacts {
 pub(super) struct SurfaceStage<'a> {
     /// The graph whose surface it is.
     pub graph: &'a DualGraph,
-    /// What its nodes are.
+    /// The kind of its nodes.
     pub kind: Kind,
-    /// Whether it is cut into cells.
+    /// Whether cells are needed.
     pub cells: bool,
 }
 
@@ -179,9 +179,8 @@ impl Stage for SurfaceStage<'_> {
     fn needs(extent: &Extent, room: &mut Room) -> Needs {
         let (n, corners) = (extent.faces, extent.corners);
         let kept_normals = if extent.rough { 12 * n } else { 0 };
-        // Shares, cells; then other normals, the field and the owners of a front, the weights of cells.
-        // Cells ask for normals at all radii, a rough surface for two; a smooth one for none, or, where a
-        // sample does not tell, for one.
+        // Shares, cells; then other normals, the field and the owners of a front, the weights of cells. Cells need
+        // normals at all radii, a rough surface at two, a smooth one at none, or at one if a sample is not conclusive.
         let (keeping, passing) = match (extent.computed, extent.contracts, extent.rough) {
             // By blocks: one front at a time.
             (true, _, true) => (0, 16 * n),
@@ -194,7 +193,7 @@ impl Stage for SurfaceStage<'_> {
         let taken = room.take(passing);
         room.give_back(taken);
         Needs {
-            // Not all of what passes is there at a time.
+            // Not all of the passing arrays exist at the same time.
             memory: (if extent.contracts { 12 << 20 } else { 24 << 20 }) + room.used() + taken / 2,
             keeps: keeping - held,
             passing: passing - taken,
@@ -206,18 +205,18 @@ impl Stage for SurfaceStage<'_> {
 
 /// The smoothed normals of a surface.
 struct Smoothed {
-    /// At each of [`RADII`]; empty where nothing asks for them.
+    /// At each of [`RADII`]; empty where not needed.
     normals: [Normals; 3],
-    /// Index into [`RADII`] of those that turning is measured with; `None`: the nodes' own.
+    /// Index into [`RADII`] of those used for measuring turning; `None`: the nodes' own.
     radius: Option<usize>,
-    /// Total turning with the nodes' own normals, then with those at .01 (where they were needed) and .02; of a
-    /// large clean mesh estimates.
+    /// Total turning with the nodes' own normals, then with those at .01 (if they were needed) and .02; estimates for a
+    /// large clean mesh.
     turning: Vec<f64>,
 }
 
 impl Smoothed {
-    /// Cells ask for all radii. Otherwise .02 tells whether the mesh is rough, and of a large one most often a sample;
-    /// only rough ones need .01 besides.
+    /// Cells need all radii. Otherwise .02 shows whether the mesh is rough, and for a large one usually a sample does;
+    /// only rough ones need .01 as well.
     fn of(stage: &SurfaceStage<'_>, shares: &AreaShares, context: Context<'_>) -> Result<Self> {
         let SurfaceStage { graph, cells, .. } = *stage;
         let total = |normals: &[&Normals]| normals::total_turning(graph, shares, normals, context.run);
@@ -245,13 +244,13 @@ impl Smoothed {
     }
 }
 
-/// Indices into [`RADII`] of the normals that a mesh without cells asks for, by its sampled turning.
+/// Indices into [`RADII`] of the normals that a mesh without cells needs, judging by its sampled turning.
 fn likely_radii(sample: Option<[f64; 2]>) -> &'static [usize] {
     if sample.is_some_and(roughness::is_likely_rough) { &[0, 1] } else { &[1] }
 }
 
 impl SurfaceStage<'_> {
-    /// The radii and files of the normals that a surface without cells will probably ask for.
+    /// The radii and files of the normals that a surface without cells will probably need.
     ///
     /// # Errors
     /// [`Error::Cancelled`].
@@ -262,13 +261,13 @@ impl SurfaceStage<'_> {
         Ok(radii.iter().map(|&k| (RADII[k], NORMALS[k])).collect())
     }
 
-    /// Whether the sampled turning is enough to take the nodes' own normals.
+    /// Whether the sampled turning suffices to choose the nodes' own normals.
     fn is_clean(&self, sample: [f64; 2]) -> bool {
         self.graph.nodes.len() > roughness::SAMPLED && roughness::is_clearly_clean(sample)
     }
 
-    /// Puts normals at those of [`RADII`] with the indices `radii` into `normals`; with two
-    /// threads, two fronts at a time.
+    /// Computes normals at the [`RADII`] with indices `radii` into `normals`; with at least two threads, two fronts in
+    /// parallel.
     fn smooth(
         &self,
         radii: &[usize],
@@ -276,7 +275,7 @@ impl SurfaceStage<'_> {
         shares: &AreaShares,
         context: Context<'_>,
     ) -> Result<()> {
-        // Fronts by blocks keep all threads busy.
+        // Fronts by blocks already use all threads.
         let by_blocks = voronoi::is_by_blocks(normals::lengths(self.graph), context.run);
         let at_a_time = if by_blocks { 1 } else { context.run.threads.min(radii.len()).max(1) };
         let made = map_chunks(
@@ -321,7 +320,7 @@ mod tests {
                 let stage = SurfaceStage { graph: &graph, kind: Kind::Faces, cells };
                 let Smoothed { radius, turning, .. } = Smoothed::of(&stage, &shares, context).unwrap();
                 let sample = roughness::sampled_turning(&graph, &shares, &run).unwrap().unwrap();
-                // Walks have no seams between cells, where turning smoothed over cells has a part of it.
+                // Walks have no seams between cells, which contribute to turning smoothed over cells.
                 let [own, coarse] = [sample[0] / turning[0], sample[1] / turning[turning.len() - 1]];
                 assert!((0.8..1.2).contains(&own) && (0.5..1.1).contains(&coarse), "{sample:?} {turning:?}");
                 (radius, turning)
@@ -331,7 +330,7 @@ mod tests {
             for threads in [1, 2] {
                 let (same, turning) = smoothed(false, threads);
                 assert_eq!(same, radius);
-                // So small a mesh is looked at whole, in other pieces.
+                // Such a small mesh is examined as a whole, in different pieces.
                 let whole = if noise > 0. { all.clone() } else { vec![all[0], all[2]] };
                 let near = |(a, b): (&f64, &f64)| (a / b - 1.).abs() < 1e-12;
                 assert!(turning.len() == whole.len() && turning.iter().zip(&whole).all(near), "{turning:?} {whole:?}");

@@ -1,9 +1,8 @@
-//! From units of the surface to faces: the labels and confidences that cells or contracted nodes
-//! have, brought to every face.
+//! From units of the surface to faces: transfers the labels and confidences of cells or contracted nodes to every face.
 //!
-//! Parts are decided on units; the narrow bands between them are labelled anew afterwards
-//! ([`crate::cluster::boundary`]), so areas have to be summed only where a face left the part of its unit. Cost: a pass
-//! over labels for each, 12 bytes per face.
+//! Parts are decided on units; the narrow bands between them are relabelled afterwards ([`crate::cluster::boundary`]),
+//! so areas have to be summed only where a face left the part of its unit. Cost: one pass over labels for each, 12
+//! bytes per face.
 
 use super::labels::QUALITY;
 use crate::base::Result;
@@ -14,30 +13,30 @@ use crate::store::{Context, MappedSlice, Run};
 
 const CHUNK: usize = 1 << 15;
 
-/// Cells or contracted nodes, and the parts that they belong to.
+/// Cells or contracted nodes, and their parts.
 pub(super) struct Units {
     /// Unit of each node (n).
     pub of_node: MappedSlice<u16>,
     /// Label of each unit (u): its part, or a further piece of one.
     pub label: Vec<u32>,
-    /// The part of each label beyond the parts: further pieces of what a person has joined.
+    /// The part of each label beyond the parts: further pieces of parts that a person has joined.
     pub further: Vec<u32>,
-    /// Whether each unit (u) has a neighbour of another label, where it is known.
+    /// Whether each unit (u) has a neighbour of another label, if known.
     pub at_boundary: Option<Vec<bool>>,
-    /// Area of the nodes in each unit (u), in the frame, where it is known.
+    /// Area of the nodes in each unit (u), in the frame, if known.
     pub areas: Option<MappedSlice<f64>>,
-    /// How sure the label of each unit (u) is.
+    /// The confidence of each unit's label (u).
     pub confidence: Vec<f64>,
 }
 
 impl Units {
-    /// The labels as boundaries are drawn from.
+    /// The labels in the form that boundaries take.
     pub fn cells(&self) -> CellLabels<'_> {
         let at_boundary = self.at_boundary.as_deref();
         CellLabels { of_node: &self.of_node, label: &self.label, further: &self.further, at_boundary }
     }
 
-    /// How sure each face's label is: its unit's. Writes `quality.npy`, and does not stamp it.
+    /// The confidence of each face's label: that of its unit. Writes `quality.npy`, without recording it.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -48,8 +47,9 @@ impl Units {
         quality.finish(false)
     }
 
-    /// Faces and area (in the frame) of each of `parts` parts under `labels` (n). Where areas of units are known and
-    /// `labels` are theirs but for the narrow bands (`near`), geometry is looked at only where boundaries have moved.
+    /// Faces and area (in the frame) of each of `parts` parts under `labels` (n). If areas of units are known and
+    /// `labels` differ from theirs only in the narrow bands (`near`), geometry is read only where boundaries have
+    /// moved.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].

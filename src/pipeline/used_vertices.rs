@@ -1,11 +1,11 @@
-//! Vertices that no triangle uses are left out before meshes are matched.
+//! Removes vertices that no triangle uses before meshes are matched.
 //!
-//! Crops and exporters leave such vertices, and they may lie anywhere: as vertices like others they would become
-//! landmarks, samples and matches. A mesh that has some is matched without them. Then its vertices get their numbers of
-//! the file again, and those left out have no match. A triangle is one of [`triangles`]: with three different
-//! vertices that have positions.
+//! Crops and exporters leave such vertices, and they may lie anywhere: they would become landmarks, samples and matches
+//! like all others. A mesh that has some is matched without them. Afterwards its vertices get their file numbers back,
+//! and the removed ones have no match. A triangle is one of [`triangles`]: with three different vertices that have
+//! positions.
 //!
-//! Cost: a look at every corner; where there are some, positions and triangles once more on disk, and 8 bytes a vertex.
+//! Cost: a check of every corner; if there are some, positions and triangles once more on disk, and 8 bytes per vertex.
 
 use super::sides::{Correspondence, FunctionalMap, Guidance};
 use crate::apps::correspond::SurfacePoint;
@@ -16,18 +16,18 @@ use crate::mesh::{Faces, Mesh, Positions, StridedLayout};
 use crate::spectral::local::LocalBasis;
 use crate::store::{Context, MappedSlice, Run};
 
-/// Vertices per chunk, and faces between looks at the stop flag.
+/// Vertices per chunk, and faces between checks of the stop flag.
 const CHUNK: usize = 1 << 14;
 /// A vertex without a number.
 const UNUSED: u32 = u32::MAX;
 
 /// The vertices of a mesh that its triangles use.
 struct UsedVertices {
-    /// The mesh of them.
+    /// The mesh restricted to them.
     mesh: Mesh,
     /// Their numbers in the file, ascending.
     of_file: MappedSlice<u32>,
-    /// Vertices of the file.
+    /// Number of vertices in the file.
     all: usize,
 }
 
@@ -49,11 +49,11 @@ fn each_triangle(mesh: &Mesh, run: &Run, mut visit: impl FnMut([u32; 3]) -> Resu
 }
 
 impl UsedVertices {
-    /// Those of `mesh`, which is called `name`; `None` where they are all or none.
+    /// The used vertices of `mesh`; `name` prefixes the files. `None` if all are used, or none.
     fn of(mesh: &Mesh, name: &str, context: Context<'_>) -> Result<Option<Self>> {
         let (work, all) = (context.work, mesh.positions.len());
         let names = ["number", "used", "positions", "triangles"].map(|array| format!("{name}_{array}.tmp"));
-        // Strays without a neighbour in space have no position there.
+        // There, strays without a finite neighbour have no position.
         let seen = mesh.without_strays(context.run)?;
         let mut numbers = work.array::<u32>(&names[0], &[all])?;
         let number = &mut numbers.data()[..];
@@ -93,22 +93,22 @@ impl UsedVertices {
         let positions = Positions::strided(mesh.path(), bytes, StridedLayout::packed(start, true, used))?;
         let (bytes, start) = work.array_bytes(&names[3])?;
         let faces = Faces::triangles(mesh.path(), bytes, start, 12, corners.len() / 3)?;
-        // Mapped arrays outlast their names.
+        // Mapped arrays outlive their file names.
         names.iter().for_each(|name| work.remove(name));
         Ok(Some(Self { mesh: mesh.with_arrays(positions, faces), of_file, all }))
     }
 
-    /// Which of them the vertex `v` of the file is.
+    /// The index among them of the file's vertex `v`.
     fn at(&self, v: usize) -> Option<usize> {
         self.of_file.binary_search(&(v as u32)).ok()
     }
 }
 
-/// The used vertices of two meshes; `None` where a mesh uses all.
+/// The used vertices of two meshes; `None` if a mesh uses all.
 pub(super) struct UsedOfTwo([Option<UsedVertices>; 2]);
 
 impl UsedOfTwo {
-    /// Those of `meshes`, A and B.
+    /// The used vertices of `meshes`, A and B.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].
@@ -116,23 +116,23 @@ impl UsedOfTwo {
         Ok(Self([UsedVertices::of(a, "a", context)?, UsedVertices::of(b, "b", context)?]))
     }
 
-    /// The meshes to be matched in the place of `meshes`.
+    /// The meshes to match instead of `meshes`.
     pub fn meshes<'a>(&'a self, meshes: [&'a Mesh; 2]) -> [&'a Mesh; 2] {
         [0, 1].map(|side| self.0[side].as_ref().map_or(meshes[side], |used| &used.mesh))
     }
 
-    /// The vertex `v` of the file on a side, among those used there.
+    /// The index, among the used vertices of a side, of the file's vertex `v`.
     fn at(&self, side: usize, v: u32) -> Option<u32> {
         self.0[side].as_ref().map_or(Some(v), |used| used.at(v as usize).map(|at| at as u32))
     }
 
-    /// The number in the file of the vertex `v` on a side; −1 of −1.
+    /// The file number of the vertex `v` on a side; −1 for −1.
     fn in_file(&self, side: usize, v: i64) -> i64 {
         let used = self.0[side].as_ref();
         used.map_or(v, |used| usize::try_from(v).map_or(-1, |at| i64::from(used.of_file[at])))
     }
 
-    /// `guidance` in the vertices of the meshes to be matched.
+    /// `guidance` in terms of the meshes to be matched.
     ///
     /// # Errors
     /// [`Error::Parameter`] for a landmark that no triangle uses.
@@ -151,7 +151,7 @@ impl UsedOfTwo {
         Ok(Guidance { pairs: pairs.collect::<Result<_>>()?, map })
     }
 
-    /// `found` in the vertices of the files. Those left out have no match, and functions are 0 there.
+    /// `found` in terms of the vertices of the files. Removed vertices have no match, and functions are 0 there.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].

@@ -1,10 +1,10 @@
-//! Coordinates of vertices to sequence them by: from the rows over faces, by the degree-normalised Nyström embedding.
+//! Coordinates for sequencing vertices: from the rows over faces, by the degree-normalised Nyström embedding.
 //!
 //! A vertex gets the mean of its faces' coordinates. In a mesh of one component these are the second vector and, for
-//! ties, the third. With several components the leading vectors may only tell components apart; each that has its
-//! share of the surface then gets the Fiedler vector that the embedding can express: the direction that varies most
-//! over its faces for how it varies along its edges (Rayleigh and Ritz; edges inside chunks of faces stand for
-//! all). Cost: one or two passes over the rows; 12 B a vertex mapped.
+//! ties, the third. With several components the leading vectors may only separate components. Each component with a
+//! sufficient share of the surface then gets its own Fiedler vector within the embedding: the direction with the
+//! greatest variance over its faces relative to its variation along edges (Rayleigh–Ritz; edges within chunks of faces
+//! represent all). Cost: one or two passes over the rows; 12 B per vertex mapped.
 
 use crate::base::Result;
 use crate::base::sort::map_of;
@@ -20,27 +20,27 @@ use nalgebra::DMatrix;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// Share of the faces from which a component gets a direction of its own; the others take the mesh's.
+/// Minimum share of the faces for a component to get its own direction; the others use that of the mesh.
 const SHARE: f64 = 1e-3;
-/// Components remembered before those of no more than [`SPECK`] faces are forgotten.
+/// Maximum number of components stored before those of at most [`SPECK`] faces are dropped.
 const MOST: usize = 1 << 16;
 const SPECK: u64 = 64;
-/// Vectors that a mesh of one component needs, and those that directions are looked for among.
+/// Number of vectors for a mesh of one component, and number in which directions are sought otherwise.
 const FEW: usize = 3;
 const MANY: usize = 10;
 
 /// Coordinates of vertices.
 pub(super) struct Coordinates {
-    /// The first coordinate, to sweep and to sort by (v); NaN for vertices of no face.
+    /// The first coordinate, for sweeps and for sorting (v); NaN for vertices without a face.
     pub first: ArrayMut<f64>,
     /// Sums of both coordinates over faces, and the number of faces (v).
     pub sums: MappedSlice<[f32; 3]>,
-    /// First node of the component of each vertex (v), where there are several.
+    /// First node of the component of each vertex (v), if there are several.
     pub component: Option<MappedSlice<u32>>,
 }
 
-/// Along which directions of the embedding components are ordered: d weights for the first
-/// coordinate, d for the second.
+/// The directions of the embedding along which components are ordered: d weights for the first coordinate, d for the
+/// second.
 struct Directions {
     usual: [Vec<f32>; 2],
     own: BTreeMap<u32, [Vec<f32>; 2]>,
@@ -52,7 +52,7 @@ impl Directions {
     }
 }
 
-/// How the coordinates of a component spread, and how they change from face to face.
+/// The spread of the coordinates of a component, and their changes from face to face.
 struct Spread {
     d: usize,
     count: f64,
@@ -81,11 +81,11 @@ impl Spread {
         }
     }
 
-    /// The two directions that vary most for their energy; none where there are no edges to tell.
+    /// The two directions with the greatest spread relative to their energy; `None` if there are no edges.
     fn directions(self) -> Option<[Vec<f32>; 2]> {
         let Self { d, count, sum, products, mut energy } = self;
         let spread = DMatrix::from_fn(d, d, |e, f| products[(e, f)] - sum[e] * sum[f] / count);
-        // Directions that rounding alone moves in must not look smooth.
+        // Directions along which only rounding errors vary must not appear smooth.
         let ridge = 1e-6 * energy.trace() / d as f64 + 1e-12 * spread.trace();
         (0..d).for_each(|e| energy[(e, e)] += ridge);
         let root = energy.cholesky()?.l();
@@ -100,7 +100,7 @@ impl Spread {
     }
 }
 
-/// What is shared by the passes over the rows.
+/// Shared data of the passes over the rows.
 pub(super) struct Task<'a> {
     pub mesh: &'a Mesh,
     pub graph: &'a DualGraph,
@@ -128,7 +128,7 @@ impl Task<'_> {
         let mut sizes: BTreeMap<u32, u64> = BTreeMap::new();
         for run in roots.chunk_by(|a, b| a & !AGAINST == b & !AGAINST) {
             *sizes.entry(run[0] & !AGAINST).or_default() += run.len() as u64;
-            // Specks by the million are forgotten as they come.
+            // Specks may come by the million and are dropped as they come.
             if sizes.len() > MOST {
                 self.context.run.cancel.check()?;
                 sizes.retain(|_, size| *size > SPECK);
@@ -206,14 +206,14 @@ pub(super) fn remove(work: &WorkDir) {
         .for_each(|name| work.remove(name));
 }
 
-/// The fit that coordinates come from.
+/// The fit of the embedding for coordinates.
 pub(super) fn fit(rows: &DistanceRows, graph: &DualGraph, run: &Run) -> Result<Embedding> {
     let columns = SampledColumns::sample(rows, |node| graph.nodes.at(node).area, run);
     let dimensions = if graph.components.is_some() { MANY } else { FEW };
     Embedding::fit(rows, &columns, embedding_params(dimensions))
 }
 
-/// The embedding that coordinates come from.
+/// The parameters of the embedding for coordinates.
 fn embedding_params(dimensions: usize) -> EmbeddingParams {
     EmbeddingParams {
         kernel: Kernel::Gaussian,

@@ -1,14 +1,14 @@
-//! The recipe of `sequence`: from an opened mesh to the place of each face and the number of each vertex.
+//! The recipe of `sequence`: from an opened mesh to the position of each face and the number of each vertex.
 //!
 //! ```text
 //! mesh ─▶ dual graph ─▶ rows [A B] ─▶ coordinates of vertices (─▶ sweeps) ─┐
 //! mesh ─▶ vertex graph ─▶ searches ────────────────────────────────────────┼▶ ranks ─▶ places of faces ─▶ first uses
 //! mesh ─▶ positions ───────────────────────────────────────────────────────┘
 //! ```
-//! The graph is the stage of `segment`, and so are the rows, but of geodesic distances alone: along rows that turn at
-//! creases, mean fronts were 1.68 times as wide as the exact order's, not 1.15 (12 models, `docs/dev/decisions.md`).
-//! What there is of them is reused; the rest is made anew and leaves nothing.
-//! Everything up to the places works on the mesh as [`Ordered`] has it, so that a scattered file is sorted once.
+//! The graph is that of `segment`, and so are the rows, but for geodesic distances only: with rows that include
+//! turning, mean fronts were 1.68 times as wide as those of the exact order, instead of 1.15 (12 models,
+//! `docs/dev/decisions.md`). Existing stages are reused; the others are computed and not kept. Everything up to the
+//! positions works on the mesh as ordered by [`Ordered`], so that a scattered file is sorted once.
 
 mod coordinates;
 
@@ -29,33 +29,33 @@ use serde::Serialize;
 use serde_json::json;
 use std::cell::OnceCell;
 
-/// Landmarks where rows have to be made: more gain nothing without sweeps.
+/// Number of landmarks if rows have to be computed: more gain nothing without sweeps.
 pub const LANDMARKS: usize = 10;
 
-/// What `sequence` is asked to do.
+/// Parameters of `sequence`.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 #[non_exhaustive]
 pub struct SequenceParams {
-    /// What to order by.
+    /// The criterion of the order.
     pub order: SequenceOrder,
-    /// Jacobi sweeps over spectral coordinates.
+    /// Number of Jacobi sweeps over spectral coordinates.
     pub sweeps: usize,
-    /// Landmarks; by default those of the rows that are there, or [`LANDMARKS`].
+    /// Number of landmarks; by default that of the existing rows, or [`LANDMARKS`].
     pub landmarks: Option<usize>,
 }
 
 crate::base::setters::setters!(SequenceParams { order: SequenceOrder, sweeps: usize, landmarks: Option<usize> });
 
-/// An order, by the numbers of the file.
+/// An order, by face and vertex numbers of the file.
 #[derive(Clone, Debug)]
 pub struct Sequence {
-    /// The place of each face (n).
+    /// The position of each face (n).
     pub places: MappedSlice<u32>,
     /// First and last uses of the vertices and their new numbers.
     pub uses: VertexUse,
 }
 
-/// A mesh about to be sequenced, in one way or in several: what they share is made once.
+/// A mesh to be sequenced by one or several methods; shared data are computed once.
 pub struct Sequencer<'a> {
     opened: &'a Mesh,
     identity: &'a serde_json::Value,
@@ -64,7 +64,7 @@ pub struct Sequencer<'a> {
     context: Context<'a>,
 }
 
-/// Where rows go in a work directory that has those of another metric.
+/// The folder for rows in a work directory that has those of another metric.
 const FOLDER: &str = "sequence";
 /// Temporary arrays.
 const RANKS: &str = "vertex_rank.tmp";
@@ -72,12 +72,12 @@ const EXACT: &str = "exact_rank.tmp";
 const NODE_PLACES: &str = "places.tmp";
 
 impl<'a> Sequencer<'a> {
-    /// Makes the mesh ready, whose `identity` says which it is (see [`super::input::identity`]).
+    /// Prepares the mesh, whose `identity` identifies it (see [`super::input::identity`]).
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
     pub fn new(opened: &'a Mesh, identity: &'a serde_json::Value, context: Context<'a>) -> Result<Self> {
-        // A work directory made by `segment` keeps the order that its rows are in.
+        // A work directory made by `segment` keeps the order on which its rows are based.
         let order = match Record::read(context.work) {
             Ok(record) if record.identity == *identity => record.params.ordering(opened.faces.len()),
             _ => OrderParams { order: Order::Auto, has_rows: true },
@@ -86,12 +86,12 @@ impl<'a> Sequencer<'a> {
         Ok(Self { opened, identity, ordered, vertices: OnceCell::new(), context })
     }
 
-    /// The mesh that all but the file's order is found on.
+    /// The mesh on which all orders except the file's are computed.
     fn mesh(&self) -> &Mesh {
         &self.ordered.mesh
     }
 
-    /// The graph of vertices, made at first use.
+    /// The adjacency of vertices, built at first use.
     fn vertices(&self) -> Result<&VertexAdjacency> {
         if let Some(graph) = self.vertices.get() {
             return Ok(graph);
@@ -102,8 +102,8 @@ impl<'a> Sequencer<'a> {
         Ok(self.vertices.get_or_init(|| graph))
     }
 
-    /// The dual graph and rows of geodesic distances over it: those that are there, where no number of landmarks is
-    /// asked for. Beside rows of another metric they lie in a folder of their own.
+    /// The dual graph and rows of geodesic distances over it: the existing ones, if no number of landmarks is given.
+    /// Beside rows of another metric they are stored in a folder of their own.
     fn rows(&self, landmarks: Option<usize>) -> Result<(DualGraph, DistanceRows)> {
         let Context { work, run } = self.context;
         let graph = DualGraph::build(&self.ordered.mesh, self.opened.path(), &self.ordered.identity, self.context)?;
@@ -111,7 +111,7 @@ impl<'a> Sequencer<'a> {
         if Record::read(work).map_or(true, other) {
             Record::of(self.opened, self.identity, &SegmentParams::default(), work).stamp(self.context)?;
         }
-        // Rows that turn at creases, as `segment` has them, make jagged fronts; they are left alone.
+        // Rows that include turning, as `segment` computes them, give jagged fronts; they are not used.
         let geodesic = json!(Metric::Geodesic);
         let other =
             work.manifest().stages.get(WeightsStage::NAME).is_some_and(|stage| stage.inputs["metric"] != geodesic);
@@ -132,7 +132,7 @@ impl<'a> Sequencer<'a> {
 
     fn spectral(&self, sweeps: usize, landmarks: Option<usize>) -> Result<MappedSlice<u32>> {
         let run = self.context.run;
-        // Fewer have no second vector to order by.
+        // With fewer, there is no second vector for the order.
         if landmarks.is_some_and(|l| !(3..=LANDMARKS_AT_MOST).contains(&l)) {
             let problem = format!("{} landmarks", landmarks.unwrap_or(0));
             return Err(Error::parameter("landmarks", problem, format!("choose from 3 to {LANDMARKS_AT_MOST}")));
@@ -193,7 +193,7 @@ impl<'a> Sequencer<'a> {
         sequence
     }
 
-    /// The exact Fiedler order, where the mesh is small enough for the budget.
+    /// The exact Fiedler order, if the mesh is small enough for the budget.
     ///
     /// # Errors
     /// As [`Sequencer::sequence`].
