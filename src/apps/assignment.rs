@@ -1,14 +1,14 @@
-//! The assignment problem: every row gets a column of its own at the least total cost.
+//! The assignment problem: assigns each row its own column at the least total cost.
 //!
-//! Shortest augmenting paths with potentials (Kuhn; Jonker and Volgenant), exact: rows² × columns steps at most, about
-//! 0.1 s for 500 × 500. Own code, because the crates at hand take integers or square matrices only, and the costs here
-//! are floating-point numbers of which the same assignment must follow on every machine.
+//! Shortest augmenting paths with potentials (Kuhn; Jonker and Volgenant), exact: at most rows² × columns steps, about
+//! 0.1 s for 500 × 500. This is our own code because the available crates accept only integers or square matrices, and
+//! the costs here are floating-point numbers that must give the same assignment on every machine.
 
 /// No row.
 const FREE: usize = usize::MAX;
 
-/// The row that each of `columns` columns is given to under the least Σ cost(row, column), `None` for those left over.
-/// `None` altogether where there are more rows than columns, or costs are not finite.
+/// The row assigned to each of `columns` columns, minimising Σ cost(row, column); `None` for columns left over. Returns
+/// `None` if there are more rows than columns, or if costs are not finite.
 pub(super) fn least_assignment(
     rows: usize,
     columns: usize,
@@ -17,8 +17,8 @@ pub(super) fn least_assignment(
     if rows > columns {
         return None;
     }
-    // Potentials of rows and columns, and the row each column is held by; the last column
-    // stands for the row on its way.
+    // Potentials of rows and columns, and the row that holds each column; the last column stands for the row being
+    // assigned.
     let (mut of_row, mut of_column) = (vec![0f64; rows], vec![0f64; columns]);
     let mut held_by = vec![FREE; columns + 1];
     let (mut least, mut from, mut seen) = (vec![0f64; columns], vec![columns; columns], vec![false; columns + 1]);
@@ -68,7 +68,7 @@ mod tests {
     use super::*;
     use crate::base::random::{stream, unit};
 
-    /// The least of all assignments, tried one by one.
+    /// Reference: the least of all assignments, by enumeration.
     fn brute(costs: &[Vec<f64>], columns: usize, row: usize, used: u32) -> f64 {
         if row == costs.len() {
             return 0.;

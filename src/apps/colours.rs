@@ -1,9 +1,9 @@
-//! Colours of parts that everyone can tell apart, and that differ between neighbours.
+//! Part colours that everyone can distinguish and that differ between adjacent parts.
 //!
-//! The first [`BASE`] colours are Okabe and Ito's (without black) and darker and lighter ones between them; more are
-//! picked from a grid of sRGB, each as far as can be from all before it. Distances are those of OKLab, the least over
-//! normal sight, protanopia and deuteranopia (simulated after Machado et al. 2009). Cost: milliseconds;
-//! [`colours_for`], which finds out which parts touch, makes one pass in file order and holds 4 bytes per vertex.
+//! The first [`BASE`] colours are those of Okabe and Ito (without black), with darker and lighter ones in between; more
+//! are picked from a grid of sRGB, each as far as possible from all earlier ones. Distances are OKLab distances, the
+//! least over normal sight, protanopia and deuteranopia (simulated after Machado et al. 2009). Cost: milliseconds;
+//! [`colours_for`], which determines the adjacency of parts, makes one pass in file order and uses 4 bytes per vertex.
 
 use crate::base::Result;
 use crate::base::sort::order_by;
@@ -11,11 +11,11 @@ use crate::mesh::{Mesh, UNLABELLED};
 use crate::store::Run;
 use std::collections::BTreeMap;
 
-/// Colours fixed by hand.
+/// Number of colours fixed by hand.
 pub const BASE: usize = 12;
-/// Distinct colours at most; more parts than that share colours, neighbours excepted.
+/// Maximum number of distinct colours; more parts share colours, but not adjacent ones.
 pub const MOST: usize = 256;
-/// Distance from which two colours are plainly different; more is no better.
+/// Distance at which two colours are clearly different; more is no better.
 const PLAIN: f32 = 0.2;
 
 const HAND_PICKED: [[u8; 3]; BASE] = [
@@ -35,21 +35,21 @@ const HAND_PICKED: [[u8; 3]; BASE] = [
 
 type Row = [f32; 3];
 
-/// What protanopia and deuteranopia make of linear RGB.
+/// Transformations of linear RGB by protanopia and deuteranopia.
 const SIGHTS: [[Row; 3]; 3] = [
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
     [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
     [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
 ];
 
-/// A colour as the three sights see it, in OKLab.
+/// A colour in OKLab, for the three kinds of sight.
 type Seen = [Row; 3];
 
 fn times(matrix: &[Row; 3], v: Row) -> Row {
     matrix.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
-/// A part of sRGB, a stored byte, as linear light.
+/// One sRGB channel, a stored byte, as linear light.
 pub(super) fn linear(part: u8) -> f32 {
     let part = f32::from(part) / 255.0;
     if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
@@ -77,7 +77,7 @@ fn seen(colour: [u8; 3]) -> Seen {
     })
 }
 
-/// The distance of two colours in OKLab for the sight that tells them apart worst.
+/// The distance of two colours in OKLab for the kind of sight that distinguishes them least.
 fn distance(a: &Seen, b: &Seen) -> f32 {
     let apart = |(a, b): (&Row, &Row)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt();
     a.iter().zip(b).map(apart).fold(f32::INFINITY, f32::min)
@@ -91,7 +91,7 @@ pub fn palette(count: usize) -> Vec<[u8; 3]> {
         let grid = STEPS.iter().flat_map(|&r| STEPS.iter().flat_map(move |&g| STEPS.iter().map(move |&b| [r, g, b])));
         let mut candidates: Vec<([u8; 3], Seen, f32)> = grid
             .map(|colour| (colour, seen(colour)))
-            // Shading is lost on what is nearly black or white.
+            // Shading is invisible on colours close to black or white.
             .filter(|(_, seen)| (0.3..0.95).contains(&seen[0][0]))
             .map(|(colour, seen)| (colour, seen, f32::INFINITY))
             .collect();
@@ -110,11 +110,11 @@ pub fn palette(count: usize) -> Vec<[u8; 3]> {
     colours
 }
 
-/// One colour per part such that parts that touch are unlike. `touching` lists pairs of parts and the
-/// length of their contact, each pair once or twice; pairs beyond `parts` are ignored.
+/// One colour per part such that adjacent parts differ. `touching` lists pairs of parts and the length of their
+/// contact, each pair once or twice; pairs beyond `parts` are ignored.
 ///
-/// Parts choose in the order of their contact, the longest first, among the colours used least:
-/// so all [`MOST`] colours are used before one is used twice.
+/// Parts are processed in descending order of contact and choose among the least-used colours: so all [`MOST`] colours
+/// are used before one is used twice.
 ///
 /// ```
 /// use nystrom_stream::apps::colours::assign;
@@ -141,7 +141,7 @@ pub fn assign(parts: usize, touching: &[(u32, u32, f64)]) -> Vec<[u8; 3]> {
     let mut uses = vec![0usize; colours.len()];
     for part in order {
         let near: Vec<usize> = neighbours[part].iter().filter_map(|&other| chosen[other]).collect();
-        // The least-used colours first, but never a neighbour's while there is another.
+        // The least-used colours first, but never a neighbour's if there is another.
         let unlike =
             |colour: usize| near.iter().map(|&other| distance(&seen[colour], &seen[other])).fold(PLAIN, f32::min);
         let score = |colour: usize| {
@@ -159,19 +159,19 @@ pub fn assign(parts: usize, touching: &[(u32, u32, f64)]) -> Vec<[u8; 3]> {
     chosen.into_iter().map(|colour| colours[colour.unwrap_or(0)]).collect()
 }
 
-/// Faces between two looks at the stop flag.
+/// Faces between two checks of the stop flag.
 const CHUNK: usize = 1 << 16;
-/// Parts above this number take colours in turn.
+/// Above this number, parts take colours cyclically.
 const IN_TURN: usize = 2048;
 
-/// One colour per label, safe for the colour-blind, unlike between parts that touch.
+/// One colour per label, suitable for colour-blind people, different for adjacent parts.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`], [`crate::base::Error::Memory`].
 pub fn colours_for(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Vec<[u8; 3]>> {
     let parts = labels.iter().copied().filter(|&label| label != UNLABELLED).max().map_or(0, |most| most as usize + 1);
     if parts > IN_TURN {
-        // A label of its own for every face is far fewer; a great number may be no label at all.
+        // There are at most as many labels as faces; a greater number may not be a label at all.
         let bytes = 3 * parts as u64;
         let _grant = run.budget.take("the colours of parts", bytes, bytes)?;
         let some = palette(MOST);
@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn neighbours_are_unlike_for_every_sight() {
-        // A limb tree, a ring, a body touching all, and random contacts of six a part.
+        // A tree of limbs, a ring, a body adjacent to all, and random contacts, six per part.
         let tree: Vec<_> = (1..12).map(|k| (k / 2, k, 1.0)).collect();
         let ring: Vec<_> = (0..12).map(|k| (k, (k + 1) % 12, 1.0)).collect();
         let star: Vec<_> = (1..12).map(|k| (0, k, f64::from(k))).collect();

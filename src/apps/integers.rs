@@ -1,6 +1,6 @@
-//! Vectors of integers of any type, as NumPy keeps them: labels, and maps of vertices.
+//! Vectors of integers of any type, as stored by NumPy: labels, and maps of vertices.
 //!
-//! One pass over the mapped file; the vector made is all that is held. Labels can go to a file instead.
+//! One pass over the mapped file; only the resulting vector is in memory. Labels can go to a file instead.
 
 use crate::base::{Error, Result};
 use crate::mesh::seg::each_label_or_none;
@@ -9,11 +9,12 @@ use crate::store::{MappedBytes, MappedSlice, WorkDir, npy_header};
 use std::ffi::OsStr;
 use std::path::Path;
 
-/// Reads the vector in `path`, each item as `convert` has it; where that gives `None`, the error tells the item, that
-/// it is `problem`, and what to do about it, `remedy`.
+/// Reads the vector in `path`, each item converted by `convert`; if that returns `None`, the error names the item, the
+/// `problem` and the `remedy`.
 ///
 /// # Errors
-/// [`Error::Malformed`] for an array that is no vector of integers, or an item that does not convert; [`Error::Io`].
+/// [`Error::Malformed`] for an array that is not a vector of integers, or an item that cannot be converted;
+/// [`Error::Io`].
 #[cfg(any(feature = "correspondence", test))]
 pub(super) fn read_integers<R>(
     path: &Path,
@@ -30,7 +31,7 @@ pub(super) fn read_integers<R>(
     Ok(all)
 }
 
-/// Shows the same items to `visit`, one after the other.
+/// Calls `visit` with the same items, one after the other.
 fn each_integer<R>(
     path: &Path,
     convert: impl Fn(i128) -> Option<R>,
@@ -61,13 +62,13 @@ fn each_integer<R>(
     Ok(())
 }
 
-/// Labels (n) of a `.seg` file or of a `.npy` file, a vector of integers of any type; a negative one of either says
-/// that a face has no label, and becomes `u32::MAX`. A vector of the program's own type is used where it lies; others
-/// become an array in `work`, item by item.
+/// Labels (n) from a `.seg` file or a `.npy` file, a vector of integers of any type; in both, a negative number means
+/// that a face has no label, and becomes `u32::MAX`. A vector of `u32` is used in place; others are converted item by
+/// item to an array in `work`.
 ///
 /// # Errors
-/// [`Error::Unusable`] for another ending or a file without labels; [`Error::Malformed`] naming the line or the item
-/// that is no label; [`Error::Io`].
+/// [`Error::Unusable`] for another extension or a file without labels; [`Error::Malformed`] naming the line or the item
+/// that is not a label; [`Error::Io`].
 pub fn open_labels(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>> {
     const FILE: &str = "given_labels.npy";
     match path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).as_deref() {
@@ -92,7 +93,7 @@ pub fn open_labels(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>> {
     }
 }
 
-/// Bytes as a number, the first the lowest unless `big`.
+/// Bytes as an unsigned number, little-endian unless `big`.
 fn unsigned(bytes: &[u8], big: bool) -> i128 {
     let add = |number: i128, &byte: &u8| number << 8 | i128::from(byte);
     if big { bytes.iter().fold(0, add) } else { bytes.iter().rev().fold(0, add) }
@@ -115,7 +116,7 @@ mod tests {
         std::fs::write(path, bytes).unwrap();
     }
 
-    /// In a mesh's own labels a negative number meant that, in an array it was an error.
+    /// Regression: a negative number was accepted in a mesh's own labels, but an error in an array.
     #[test]
     fn a_negative_integer_is_no_label() {
         let dir = tempfile::tempdir().unwrap();
@@ -126,7 +127,7 @@ mod tests {
         assert!(open_labels(&path, &work).unwrap_err().to_string().contains("item 1 is 1099511627776, beyond 32 bits"));
         write([3, -7]);
         assert_eq!(open_labels(&path, &work).unwrap()[..], [3, u32::MAX]);
-        // Regression: where the help of --labels says the same of both forms, in a .seg it was an error.
+        // Regression: it was an error in a .seg file, although the documentation describes both formats alike.
         let path = dir.path().join("x.seg");
         std::fs::write(&path, "3\n-7\n").unwrap();
         assert_eq!(open_labels(&path, &work).unwrap()[..], [3, u32::MAX]);

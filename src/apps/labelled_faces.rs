@@ -1,7 +1,7 @@
-//! Labels that faces have already: in the mesh's own file, or in a file beside it.
+//! Existing labels of faces: in the mesh's own file, or in a separate file.
 //!
-//! Everything that takes labels reads them here, by one rule: a negative number says that a face has none. One pass;
-//! what is read lies in an array of the work directory, or is used where it lies.
+//! Everything that takes labels reads them here, by one rule: a negative number means that a face has none. One pass;
+//! the result is an array of the work directory, or is used in place.
 
 use super::colours::colours_for;
 use super::open_labels;
@@ -14,26 +14,26 @@ use std::path::Path;
 
 /// The properties of a colour.
 const COLOUR: [&str; 3] = ["red", "green", "blue"];
-/// Labels beyond have no colour and no name of the file.
+/// Labels above this have no colour or name from the file.
 const MOST: usize = 1 << 20;
 
-/// Labels of the faces of a mesh, and what its file tells of the parts.
+/// Labels of the faces of a mesh, with the names and colours of parts in its file.
 #[derive(Clone, Debug)]
 pub struct LabelledFaces {
     /// Label of each face (n); [`UNLABELLED`]: none.
     pub labels: MappedSlice<u32>,
-    /// Names of parts by label, empty for none; may end early.
+    /// Names of parts by label, empty for none; may be shorter than the number of labels.
     pub names: Vec<String>,
-    /// Colours by label, where all faces of a label have the same.
+    /// Colours by label, if all faces of a label have the same colour.
     colours: Option<Vec<[u8; 3]>>,
 }
 
 impl LabelledFaces {
-    /// The face property `label` of the file of `mesh`, with the colours of the faces and the names in the header;
-    /// nothing where there is no such property.
+    /// The face property `label` in the file of `mesh`, with the colours of the faces and the names in the header;
+    /// `None` if there is no such property.
     ///
     /// # Errors
-    /// [`Error::Malformed`] should the file have changed since it was opened; [`Error::Io`], [`Error::Cancelled`].
+    /// [`Error::Malformed`] if the file has changed since it was opened; [`Error::Io`], [`Error::Cancelled`].
     pub fn of_mesh(mesh: &Mesh, context: Context<'_>) -> Result<Option<Self>> {
         let property = |name: &str| mesh.document()?.property(ElementKind::Faces, name);
         let Some(document) = mesh.document().filter(|_| property("label").is_some()) else { return Ok(None) };
@@ -62,7 +62,7 @@ impl LabelledFaces {
         };
         let [red, green, blue] = COLOUR;
         if real {
-            // Commonly from 0 to 1.
+            // Floating-point colours are usually from 0 to 1.
             let mut most = 0f64;
             document.for_each_face_real(COLOUR, context.run, |_, colour| {
                 most = colour.into_iter().fold(most, f64::max);
@@ -86,7 +86,7 @@ impl LabelledFaces {
     /// The labels of `mesh` in the `.seg` or `.npy` file `path` ([`open_labels`]).
     ///
     /// # Errors
-    /// As [`open_labels`]; [`Error::Unusable`] where they are not one per face.
+    /// As [`open_labels`]; [`Error::Unusable`] if there is not one per face.
     pub fn of_file(path: &Path, mesh: &Mesh, work: &WorkDir) -> Result<Self> {
         let labels = open_labels(path, work)?;
         if labels.len() != mesh.faces.len() {
@@ -97,7 +97,8 @@ impl LabelledFaces {
         Ok(Self { labels, names: Vec::new(), colours: None })
     }
 
-    /// A colour per label: those of the file, or new ones for `labels`, which are these or made of them, on `mesh`.
+    /// A colour per label: those in the file, or new ones for `labels`, which are these labels or derived from them, on
+    /// `mesh`.
     ///
     /// # Errors
     /// As [`colours_for`].
@@ -110,7 +111,7 @@ impl LabelledFaces {
 mod tests {
     use super::*;
 
-    /// From 0 to 1 they were black.
+    /// Regression: colours from 0 to 1 were black.
     #[test]
     fn colours_of_floating_point_are_those_of_integers() {
         let dir = tempfile::tempdir().unwrap();

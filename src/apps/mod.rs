@@ -1,8 +1,8 @@
 //! What can be done with a mesh besides cutting it, and with its labels.
 //!
-//! One folder per application; none knows the pipeline above. What draws or writes other programs' forms stands
-//! behind a feature of its own, so that a user of the core builds without it: `pictures`, `plots`, `pages`,
-//! `parquet`, `correspondence`.
+//! One folder per application; none of them uses the pipeline above. Drawing and formats of other programs are behind
+//! features of their own, so that users of the core build without them: `pictures`, `plots`, `pages`, `parquet`,
+//! `correspondence`.
 
 mod assignment;
 pub mod colours;

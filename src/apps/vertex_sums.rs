@@ -1,7 +1,7 @@
-//! Normals of vertices: those of the faces around each, added up by their angles there.
+//! Vertex normals: those of the surrounding faces, summed with their angles as weights.
 //!
-//! In integers, so that threads may add in any order and the sum is always the same. 12 bytes per vertex,
-//! and some 30 ns per face.
+//! In integers, so that threads may add in any order and the sum is always the same. 12 bytes per vertex, and some 30
+//! ns per face.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -11,16 +11,16 @@ use crate::store::Run;
 use std::ops::Range;
 use std::sync::atomic::{AtomicI32, Ordering::Relaxed};
 
-/// Steps of a unit normal.
+/// Quantisation steps of a unit normal.
 const STEPS: f64 = 16384.0;
-/// Cosine between a face and the normal of its vertex (40°) below which there is a crease.
+/// Cosine (40°) between a face and the normal of its vertex below which there is a crease.
 pub(super) const SMOOTH: f64 = 0.766;
-/// Chunks of faces that are looked at for creases.
+/// Number of chunks of faces sampled for creases.
 const LOOK: usize = 8;
-/// Faces a chunk.
+/// Faces per chunk.
 pub(super) const CHUNK: usize = 1 << 14;
 
-/// The angle of a direction `across` (not negative) and `along`, to 0.004, with one division.
+/// The angle of the direction (`along`, `across`), `across` not negative, to within 0.004, with one division.
 #[inline]
 fn angle(across: f64, along: f64) -> f64 {
     use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
@@ -51,16 +51,16 @@ pub(super) fn each_corner(mesh: &Mesh, faces: Range<usize>, mut visit: impl FnMu
     });
 }
 
-/// One normal per vertex, of no unit length.
+/// One normal per vertex, not normalised.
 pub(super) struct VertexSums(Vec<[AtomicI32; 3]>);
 
 impl VertexSums {
-    /// Bytes that the sums of `mesh` take.
+    /// Bytes for the sums of `mesh`.
     pub fn bytes(mesh: &Mesh) -> u64 {
         12 * mesh.positions.len() as u64
     }
 
-    /// Adds up the normals of all faces.
+    /// Sums the normals of all faces.
     pub fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
         let sums: Vec<[AtomicI32; 3]> = (0..mesh.positions.len()).map(|_| Default::default()).collect();
         let n = mesh.faces.len();
@@ -83,14 +83,14 @@ impl VertexSums {
         self.0.len()
     }
 
-    /// The unit normal of `vertex`; of length 0 where its faces have none, or cancel out.
+    /// The unit normal of `vertex`; of length 0 if its faces have none, or cancel out.
     pub fn normal(&self, vertex: u32) -> Option<[f64; 3]> {
         let sum = self.0.get(vertex as usize)?;
         Some(unit([0, 1, 2].map(|k| f64::from(sum[k].load(Relaxed)))))
     }
 
-    /// The share of the area whose faces are steep to the normal of a corner, 0 to 1: little of a scan, most of a box.
-    /// Of a large mesh [`LOOK`] chunks are looked at.
+    /// The share of the area whose faces are steep to the normal of a corner, 0 to 1: small for a scan, large for a
+    /// box. On a large mesh only [`LOOK`] chunks are sampled.
     pub fn creased(&self, mesh: &Mesh, run: &Run) -> Result<f64> {
         let n = mesh.faces.len();
         let step = (chunk_count(n, CHUNK) / LOOK).max(1);

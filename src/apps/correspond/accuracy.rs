@@ -1,8 +1,8 @@
-//! How wrong matches are: the distance along the surface from the vertex found to the true one, over √area.
+//! The error of matches: the distance along the surface from the found vertex to the true one, divided by √area.
 //!
-//! Fast marching from each true vertex until the found one is reached, so cost follows the error: a match that is right
-//! costs nothing. Scratch is one field per thread, 4 bytes per vertex. [`Errors`] sums up: mean, median, and the share
-//! of vertices below each of a hundred errors, as benchmarks of correspondence plot it.
+//! Fast marching from each true vertex until the found one is reached, so the cost is proportional to the error: an
+//! exact match costs nothing. Scratch is one field per thread, 4 bytes per vertex. [`Errors`] summarises them: mean,
+//! median, and the share of vertices below each of fifty errors, as plotted by correspondence benchmarks.
 
 use crate::base::sort::order_by;
 use crate::base::{Error, Result};
@@ -14,25 +14,25 @@ use serde::Serialize;
 
 /// Pairs per chunk.
 const CHUNK: usize = 64;
-/// Steps of the curve, to [`Errors::END`].
+/// Number of steps of the curve, up to [`Errors::END`].
 const STEPS: usize = 50;
 
 /// Errors of many matches, in units of √area.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Errors {
-    /// Vertices judged.
+    /// Vertices evaluated.
     pub judged: u64,
-    /// Vertices with a true match but none found, left out of the rest.
+    /// Vertices with a true match but no found one, excluded from the other numbers.
     pub unmatched: u64,
     /// Mean.
     pub mean: f64,
-    /// Half are below.
+    /// Half of the errors are below.
     pub median: f64,
-    /// Nine in ten are below.
+    /// Nine in ten errors are below.
     pub ninth_decile: f64,
     /// Greatest.
     pub most: f64,
-    /// Share of the judged whose error is at most [`Errors::END`] · i / 50 (51).
+    /// Share of the evaluated vertices whose error is at most [`Errors::END`] · i / 50 (51).
     pub curve: Vec<f64>,
 }
 
@@ -40,7 +40,7 @@ impl Errors {
     /// The error at which the curve ends.
     pub const END: f64 = 0.25;
 
-    /// Sums up errors (in units of √area) in any order.
+    /// Summarises errors (in units of √area) in any order.
     ///
     /// ```
     /// use nystrom_stream::apps::correspond::Errors;
@@ -67,7 +67,7 @@ impl Errors {
 /// The distances between the pairs of vertices (found, true) on `graph`, in units of √area, in the order of `pairs`.
 ///
 /// # Errors
-/// [`Error::Parameter`] for a vertex that is not there, [`Error::Memory`], [`Error::Cancelled`].
+/// [`Error::Parameter`] for a vertex that does not exist, [`Error::Memory`], [`Error::Cancelled`].
 pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result<Vec<f64>> {
     let n = graph.len();
     if let Some((found, real)) = pairs.iter().find(|(found, real)| *found as usize >= n || *real as usize >= n) {
@@ -75,7 +75,7 @@ pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result
         return Err(Error::parameter("matches", problem, "give the mesh that the matches point to"));
     }
     let order = order_by(pairs.len(), |i, j| pairs[i].1.cmp(&pairs[j].1));
-    // One march per true vertex, however many were matched to it.
+    // One march per true vertex, however many vertices were matched to it.
     let groups: Vec<&[usize]> = order.chunk_by(|&a, &b| pairs[a].1 == pairs[b].1).collect();
     let (run, _grant) = run.some_threads("marching", 0, 4 * n as u64)?;
     let surface = Surface::of(graph);

@@ -1,17 +1,17 @@
-//! Aligning two embeddings without knowing a single match.
+//! Aligns two embeddings without any known match.
 //!
-//! Guesses ([`candidates`]) are ranked by how near they bring [`COARSE`] points of one mesh to those of the other; the
-//! best [`KEPT`] are refined by alternating nearest points and the orthogonal matrix that fits these best (Procrustes),
-//! ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points. How near
-//! points come does not always tell head from tail: all of a head may lie near a tail. So the maps that are left are
-//! ranked by the product of three terms: that distance; the least cost of carrying equal shares of area onto each other
-//! one to one (Wasserstein's distance between two distributions of area, so that a large part cannot hide in a small
-//! one); and how much they distort: the distance from a landmark of A to the image of one of B, measured on A, against
-//! the distance from the image of the first to the second, measured on B. A map that fits about as well, but takes the
-//! shape elsewhere, is an alternative: a symmetry that no measurement along the surface resolves.
+//! Initial guesses ([`candidates`]) are ranked by how close they bring [`COARSE`] points of one mesh to those of the
+//! other; the best [`KEPT`] are refined by alternating nearest points and the orthogonal matrix that fits these best
+//! (Procrustes), ranked again, tested for being mirror images ([`super::orientation`]) and refined on [`FINE`] points.
+//! Closeness of points does not always distinguish head from tail: all of a head may lie near a tail. So the remaining
+//! maps are ranked by the product of three terms: that distance; the least cost of transporting equal shares of area
+//! onto each other one to one (the Wasserstein distance of two area distributions, so that a large part cannot be
+//! matched to a small one); and their distortion, the difference between the distance on A from a landmark of A to the
+//! image of one of B, and the distance on B from the image of the first to the second. A map that fits about as well,
+//! but maps the shape differently, is an alternative: a symmetry that no measurement along the surface resolves.
 //!
-//! Points stand for equal shares of area, so that densities of vertices do not matter. Cost: constant, about a
-//! second at most on one thread.
+//! Points represent equal shares of area, so that vertex densities do not matter. Cost: constant, at most about a
+//! second on one thread.
 
 use super::orientation::Tensor;
 use super::search::square;
@@ -26,28 +26,29 @@ use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-/// Points that rank guesses.
+/// Number of points for ranking guesses.
 pub const COARSE: usize = 120;
-/// Points of the last refinement.
+/// Number of points for the last refinement.
 pub const FINE: usize = 1000;
-/// Guesses that are refined; of those that fit then, and differ, [`LAST`] are refined finely.
+/// Number of guesses that are refined; of the distinct ones that fit then, [`LAST`] are refined finely.
 pub const KEPT: usize = 40;
-/// Points, for equal shares of area, that are carried onto each other.
+/// Number of points, representing equal shares of area, for the transport cost.
 const CARRIED: usize = 400;
-/// Maps that are refined on [`FINE`] points.
+/// Number of maps that are refined on [`FINE`] points.
 const LAST: usize = 8;
-/// Steps of a refinement.
+/// Iterations of a refinement.
 const STEPS: usize = 8;
-/// Costs, in least costs, up to which the better oriented guess wins.
+/// Ratio of costs up to which the guess with the better orientation wins.
 const TOLERATED: f64 = 3.;
-/// Distortions or costs, in those of the best, up to which another map is an alternative.
+/// Another map is an alternative if its distortion or cost is at most this many times the best.
 pub const RIVAL: f64 = 1.15;
-/// Mean square between two maps, in variances, from which they are different.
+/// Mean squared distance between two maps, relative to the variance, above which they are different.
 const APART: f64 = 0.1;
-/// Agreement below which orientation decides nothing.
+/// Magnitude of the agreement below which orientation is inconclusive.
 pub const TELLING: f64 = 0.5;
 
-/// An embedded mesh, as alignment sees it. Of two with different numbers of coordinates the first common ones count.
+/// An embedded mesh, as used by alignment. If the two have different numbers of coordinates, only the common ones are
+/// used.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape<'a> {
     /// Embedded vertices (n).
@@ -56,10 +57,10 @@ pub struct Shape<'a> {
     pub nodes: &'a [Node],
     /// Variance of each coordinate (k).
     pub variance: &'a [f64],
-    /// How the mesh lies in its embedding.
+    /// The orientation tensor of the embedded mesh.
     pub tensor: &'a Tensor,
-    /// Distances from its landmarks, in units of √area after multiplication by `unit`; without them
-    /// maps are ranked by cost.
+    /// Distances from its landmarks, in units of √area after multiplication by `unit`; without them maps are ranked by
+    /// cost.
     pub rows: Option<&'a DistanceRows>,
     /// 1/√area.
     pub unit: f64,
@@ -71,22 +72,24 @@ pub struct Alignment {
     /// Orthogonal, k × k: e_B ≈ transform · e_A.
     #[serde(skip)]
     pub transform: DMatrix<f64>,
-    /// Mean square from points to the nearest of the other mesh, both ways, in variances.
+    /// Mean squared distance from points to the nearest of the other mesh, in both directions, relative to the
+    /// variance.
     pub cost: f64,
-    /// Mean square when equal shares of area are carried one to one ([`least_assignment`]), in variances.
+    /// Mean squared distance when equal shares of area are transported one to one ([`least_assignment`]), relative to
+    /// the variance.
     pub transport: Option<f64>,
-    /// Mean difference between distances from landmark to landmark on either mesh, over √area.
+    /// Mean difference between distances of landmarks on either mesh, over √area.
     pub distortion: Option<f64>,
-    /// Agreement of orientation: near 1 right, near −1 mirrored, in between the shape hardly tells.
+    /// Agreement of orientation: near 1 correct, near −1 mirrored, in between inconclusive.
     pub orientation: f64,
 }
 
-/// What aligning found.
+/// The result of aligning.
 #[derive(Clone, Debug, Serialize)]
 pub struct Alignments {
-    /// The best first; more only where others do about as well.
+    /// Best first; several only if others are about as good.
     pub found: Vec<Alignment>,
-    /// All that differ, the best first: what a refinement may begin with.
+    /// All distinct ones, best first: possible starts of a refinement.
     #[serde(skip)]
     pub starts: Vec<Alignment>,
     /// Whether there is more than one, or the orientation could not be determined.
@@ -94,18 +97,18 @@ pub struct Alignments {
 }
 
 impl Alignment {
-    /// What maps are ranked by, the least first.
+    /// The ranking criterion of maps, least first.
     fn rank(&self) -> f64 {
         self.cost * self.transport.unwrap_or(1.) * self.distortion.unwrap_or(1.)
     }
 
-    /// Whether this map is a plausible alternative to the best: hardly more distorted, or hardly costlier.
+    /// Whether this map is a plausible alternative to the best: hardly more distorted, or hardly more costly.
     fn rivals(&self, best: &Self) -> bool {
         let distorts = self.distortion.zip(best.distortion).is_some_and(|(mine, least)| mine <= RIVAL * least);
         distorts || self.cost <= RIVAL * best.cost
     }
 
-    /// The point of A in the coordinates of B.
+    /// Transforms a point of A to the coordinates of B.
     #[inline]
     pub fn apply(&self, point: &Point) -> Point {
         apply(&self.transform, point)
@@ -120,8 +123,8 @@ pub fn apply(transform: &DMatrix<f64>, point: &Point) -> Point {
     })
 }
 
-/// `count` vertices that stand for equal shares of area, in ascending order; one with several
-/// shares comes several times.
+/// `count` vertices that represent equal shares of area, in ascending order; one that represents several shares appears
+/// several times.
 pub fn shares(nodes: &[Node], count: usize, seed: u64, purpose: &str) -> Vec<u32> {
     let total: f64 = nodes.iter().map(|node| f64::from(node.area)).sum();
     if total <= 0. {
@@ -142,14 +145,14 @@ pub fn shares(nodes: &[Node], count: usize, seed: u64, purpose: &str) -> Vec<u32
     chosen
 }
 
-/// The same, each once.
+/// The same without repetitions.
 pub fn sample(nodes: &[Node], count: usize, seed: u64, purpose: &str) -> Vec<u32> {
     let mut chosen = shares(nodes, count, seed, purpose);
     chosen.dedup();
     chosen
 }
 
-/// The orthogonal matrix that brings `from` nearest to `to`, by the singular value decomposition of Σ to fromᵀ.
+/// The orthogonal matrix that maps `from` closest to `to`, by the singular value decomposition of Σ to fromᵀ.
 ///
 /// ```
 /// use nystrom_stream::apps::correspond::align::{apply, procrustes};
@@ -175,7 +178,7 @@ pub fn procrustes(pairs: impl Iterator<Item = (Point, Point)>, k: usize) -> DMat
     }
 }
 
-/// The nearest of `among` to `point`: its number and the square.
+/// The nearest of `among` to `point`: its index and the squared distance.
 fn nearest(point: &Point, among: &[Point]) -> (usize, f32) {
     let mut best = (0, f32::INFINITY);
     for (k, other) in among.iter().enumerate() {
@@ -187,12 +190,12 @@ fn nearest(point: &Point, among: &[Point]) -> (usize, f32) {
     best
 }
 
-/// Mean square of the nearest, one way.
+/// Mean squared distance to the nearest point, in one direction.
 fn one_way(from: &[Point], to: &[Point]) -> f64 {
     from.iter().map(|point| f64::from(nearest(point, to).1)).sum::<f64>() / from.len().max(1) as f64
 }
 
-/// Alternates nearest points, both ways, and the best orthogonal matrix.
+/// Alternates nearest points, in both directions, and the best orthogonal matrix.
 fn refine(mut transform: DMatrix<f64>, a: &[Point], b: &[Point]) -> DMatrix<f64> {
     let k = transform.nrows();
     for _ in 0..STEPS {
@@ -257,7 +260,7 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     let fine = |k: usize, (): &mut ()| {
         let transform = refine(refined[k].transform.clone(), &fine_a, &fine_b);
         let distortion = landmarks.as_ref().map(|((rows_a, rows_b), in_a, in_b)| {
-            // Where landmarks of either mesh come to lie on the other.
+            // The images of landmarks of either mesh on the other.
             let back = transform.transpose();
             let to_b: Vec<u32> = in_a.iter().map(|p| chosen_b[nearest(&apply(&transform, p), &fine_b).0]).collect();
             let to_a: Vec<u32> = in_b.iter().map(|p| chosen_a[nearest(&apply(&back, p), &fine_a).0]).collect();
@@ -283,7 +286,7 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     Ok(told_apart(refined, &fine_a, APART * spread))
 }
 
-/// Those that fit well and are not mirrored, if one can tell.
+/// The maps that fit well and are not mirrored, if that can be decided.
 fn plausible(mut all: Vec<Alignment>) -> Vec<Alignment> {
     let least = all.iter().map(|one| one.cost).fold(f64::INFINITY, f64::min);
     all.retain(|one| one.cost <= TOLERATED * least);
@@ -292,7 +295,7 @@ fn plausible(mut all: Vec<Alignment>) -> Vec<Alignment> {
     all
 }
 
-/// Those that map the points elsewhere than the ones before them: by more than `apart`, in the mean of squares.
+/// The maps that differ from all earlier ones: by more than `apart`, in the mean squared distance.
 fn different(sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Vec<Alignment> {
     let mut found: Vec<Alignment> = Vec::new();
     for one in sorted {
@@ -307,7 +310,7 @@ fn different(sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Vec<Alignm
     found
 }
 
-/// The first, and those of the others that map the shape elsewhere at about the same cost.
+/// The first, and those of the others that map the shape differently at about the same cost.
 fn told_apart(mut sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Alignments {
     let starts = different(sorted.clone(), points, 0.1 * apart);
     if let Some(best) = sorted.first().cloned() {
@@ -318,16 +321,17 @@ fn told_apart(mut sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Align
     Alignments { ambiguous: found.len() > 1 || !telling, found, starts }
 }
 
-// First guesses of the change of coordinates between two embeddings: signs, order, and turns of near-equal axes.
+// Initial guesses of the change of coordinates between two embeddings: signs, order, and rotations of axes with similar
+// eigenvalues.
 //
-// An eigenvector is known up to its sign, and two whose eigenvalues are nearly equal up to a turn in their plane,
-// so that on another mesh they come in another order or mixed. The guesses are all signs of all axes but the first,
-// times turns by 0°, ±45° and 90° of disjoint neighbouring pairs whose variances are within [`NEAR`] of each
+// An eigenvector is determined up to its sign, and two whose eigenvalues are nearly equal up to a rotation in their
+// plane, so that on another mesh they come in another order or mixed. The guesses combine all signs of all axes but the
+// first with rotations by 0°, ±45° and 90° of disjoint neighbouring pairs whose variances are within [`NEAR`] of each
 // other. Some 2^(k−1) to [`MOST_TURNS`] 2^(k−1) matrices.
 
-/// Least ratio of the variances of axes that may be turned into each other.
+/// Minimum ratio of the variances of axes that may be rotated into each other.
 pub const NEAR: f64 = 0.7;
-/// Turns tried at the most; the likeliest pairs come first.
+/// Maximum number of rotations tried; the likeliest pairs come first.
 pub const MOST_TURNS: usize = 32;
 
 /// Guesses for axes of these variances on either mesh (k each).

@@ -1,8 +1,9 @@
-//! Carrying what is known of B over to A by matches: properties of vertices, properties of faces, colours (§7.1).
+//! Transfers data of B to A by matches: properties of vertices, properties of faces, colours (§7.1).
 //!
-//! A vertex takes what its match has. A face takes what most of its corners' matches have, where a vertex of B stands
-//! for the first face around it; so borders of labels are right to within an edge. A vertex or face without a match
-//! gets 0, NaN in a floating-point column, or grey as its colour. One column is 8 bytes per vertex of B on disk.
+//! A vertex takes the value of its match. A face takes the most frequent value of its corners' matches, where a vertex
+//! of B represents the first face around it; so borders of labels are accurate to within an edge. A vertex or face
+//! without a match gets 0, NaN in a floating-point column, or grey as its colour. One column is 8 bytes per vertex of B
+//! on disk.
 
 use super::matches::Match;
 use crate::apps::labelled_faces::LabelledFaces;
@@ -12,23 +13,23 @@ use crate::mesh::ply::{Column, ElementKind, Scalar};
 use crate::store::{Context, MappedSlice, WorkDir};
 use std::cmp::Reverse;
 
-/// Values up to which each is compared with all: a face may have millions of corners.
+/// Up to this number of values, each is compared with all others: a face may have millions of corners.
 const FEW: usize = 16;
-/// The colour of what has no match.
+/// The colour of anything without a match.
 pub const GREY: [u8; 3] = [128; 3];
 
-/// A property of B on its vertices, ready to be carried.
+/// A property of B on its vertices, ready to be transferred.
 #[derive(Clone, Debug)]
 pub struct Property {
     name: String,
     scalar: Scalar,
-    /// Whose it is.
+    /// Whether it belongs to vertices or faces.
     pub of: ElementKind,
     /// One number per vertex of B.
     values: MappedSlice<f64>,
 }
 
-/// For each vertex of `mesh` the first face around it, `u32::MAX` without one, as the file `name` of `work`.
+/// For each vertex of `mesh` the first face around it, `u32::MAX` if there is none, as the file `name` of `work`.
 fn first_faces(mesh: &Mesh, name: &str, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let mut array = context.work.array::<u32>(name, &[mesh.positions.len()])?;
     let of = &mut array.data()[..];
@@ -44,7 +45,7 @@ impl Property {
     /// Reads the property `name` of the vertices of `b`, or else of its faces.
     ///
     /// # Errors
-    /// [`Error::Unusable`] where neither have it, [`Error::Io`], [`Error::Cancelled`].
+    /// [`Error::Unusable`] if neither have it, [`Error::Io`], [`Error::Cancelled`].
     pub fn read(b: &Mesh, name: &str, context: Context<'_>) -> Result<Self> {
         let found = [ElementKind::Vertices, ElementKind::Faces]
             .into_iter()
@@ -53,7 +54,7 @@ impl Property {
             let problem = format!("neither its vertices nor its faces have a number {name:?}");
             return Err(Error::unusable(b.path(), problem, "name a property of its header"));
         };
-        // Names come from the user and are no names of files.
+        // The property's name comes from the user and must not be used as a file name.
         let mut writer = context.work.writer::<f64>("property.npy", 1)?;
         property.for_each(context.run, |_, number| writer.push(&[number]))?;
         let mut values = writer.finish(false)?;
@@ -78,7 +79,7 @@ impl Property {
         one.vertex().and_then(|v| self.values.get(v as usize)).copied().unwrap_or(missing)
     }
 
-    /// The column of A, by `matches`: on its vertices or on its faces, as it was on B.
+    /// The column for A, given `matches`: on its vertices or on its faces, as on B.
     pub fn column<'a>(&'a self, a: &'a Mesh, matches: &'a [Match]) -> Column<'a> {
         let value: Box<dyn Fn(usize) -> f64 + 'a> = match self.of {
             ElementKind::Vertices => Box::new(|v| self.value(&matches[v])),
@@ -90,7 +91,7 @@ impl Property {
     }
 }
 
-/// The value that is there most often, the first of several.
+/// The most frequent value; the first of several.
 fn most(values: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
     if values.len() > FEW {
         let mut sorted: Vec<(u64, usize)> = values.map(f64::to_bits).zip(0..).collect();
@@ -114,7 +115,7 @@ fn most(values: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
 pub struct Colours(MappedSlice<[u8; 3]>);
 
 impl Colours {
-    /// By position: red, green and blue along the sides of the box.
+    /// By position: red, green and blue along the sides of the bounding box.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].
@@ -138,10 +139,10 @@ impl Colours {
         Self::of(all().map(|p| std::array::from_fn(|axis| channel(axis, p[axis]))), context.work)
     }
 
-    /// By parts: the labels of B's faces, in the colours that its file gives to parts, or else the program.
+    /// By parts: the labels of B's faces, in the colours that its file gives to parts, or else in default colours.
     ///
     /// # Errors
-    /// [`Error::Unusable`] where B's faces have no labels, [`Error::Io`], [`Error::Cancelled`].
+    /// [`Error::Unusable`] if B's faces have no labels, [`Error::Io`], [`Error::Cancelled`].
     pub fn by_parts(b: &Mesh, context: Context<'_>) -> Result<Self> {
         let remedy = "segment it first, or colour by position";
         let found = LabelledFaces::of_mesh(b, context)?;
@@ -172,7 +173,7 @@ impl Colours {
         self.0.get(vertex).copied().unwrap_or(GREY)
     }
 
-    /// The colour that a match brings to A.
+    /// The colour that a match transfers to A.
     pub fn of_match(&self, one: &Match) -> [u8; 3] {
         one.vertex().map_or(GREY, |vertex| self.of_b(vertex as usize))
     }
@@ -193,7 +194,7 @@ mod tests {
         assert_eq!(most((0..100).map(|k| if k < 50 { 2. } else { 1. })), 2.);
     }
 
-    /// Each value was compared with all.
+    /// Regression: each value was compared with all others.
     #[test]
     fn a_face_of_many_corners_takes_no_time_of_their_square() {
         let seen = Cell::new(0);

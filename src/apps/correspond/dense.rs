@@ -1,16 +1,16 @@
 //! From a refined map to a match for every vertex.
 //!
-//! All of B is carried to A's functions ([`super::functional::ToA`]). For small meshes every vertex of A is then
+//! All of B is transformed to A's functions ([`super::functional::ToA`]). For small meshes every vertex of A is then
 //! compared with every one of B. For large ones ([`EXHAUSTIVE`]) the search is local: neighbours on A have neighbouring
-//! matches on B, so from the match of a vertex that is done one walks over B's graph to the nearest vertex around,
-//! always looking around the nearest known, until [`PATIENCE`] looks have found none nearer. The first vertices of each
-//! chunk begin at the match of the nearest of [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]` vertices
-//! of B; so it costs little if neighbours lie far apart in the file. Such a match also tells where one mistake has led
-//! to the next: if it is nearer than what was found, one walks from there too. Of 28,000 vertices of two cats this
-//! finds what comparing all finds (mean square 11.005 against 11.002; without it 37).
+//! matches on B, so from the match of a finished vertex the search walks over B's graph to the nearest vertex, always
+//! expanding the nearest known one, until [`PATIENCE`] expansions have found none nearer. The first vertices of each
+//! chunk start at the match of the nearest of [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]` vertices
+//! of B; so it costs little if neighbours lie far apart in the file. Such a match also reveals where one error has led
+//! to the next: if it is nearer than what was found, another walk starts there. For 28,000 vertices of two cats this
+//! finds what exhaustive comparison finds (mean square 11.005 against 11.002; without it 37).
 //!
-//! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 a nanosecond and thread; local, about 10 µs per vertex, and on
-//! disk 4 k bytes per vertex of B and 4 per vertex of A (8 while the nearest seeds are found).
+//! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 per nanosecond and thread; local, about 10 µs per vertex, and
+//! on disk 4 k bytes per vertex of B and 4 per vertex of A (8 while the nearest seeds are found).
 
 use super::functional::{Targets, ToA};
 use super::matches::{Match, Pair};
@@ -27,19 +27,19 @@ use crate::store::{Context, MappedSlice};
 use nalgebra::DMatrix;
 use std::ops::Range;
 
-/// Pairs of vertices up to which all are compared.
+/// Number of vertex pairs up to which all are compared.
 pub const EXHAUSTIVE: u64 = 1 << 27;
-/// Vertices looked around in vain before a local search ends.
+/// Number of unsuccessful expansions after which a local search ends.
 const PATIENCE: usize = 6;
-/// Vertices of A that are matched first, and of B among which theirs are searched for.
+/// Number of vertices of A that are matched first, and of B among which their matches are searched.
 const SEEDS: [usize; 2] = [1 << 14, 1 << 12];
 /// Seeds per chunk.
 const SEEDED: usize = 1 << 8;
 /// Vertices per chunk.
 const CHUNK: usize = 1 << 12;
-/// Vertices that are compared with a chunk at a time.
+/// Number of vertices compared with a chunk at a time.
 const SLAB: usize = 1 << 10;
-/// None.
+/// No vertex.
 const NOBODY: u32 = u32::MAX;
 
 /// Vertices of a mesh in the coordinates of A's functions.
@@ -47,7 +47,7 @@ const NOBODY: u32 = u32::MAX;
 struct Placed<'a> {
     values: &'a [f32],
     dimensions: usize,
-    /// Floats from one vertex to the next.
+    /// Number of floats from one vertex to the next.
     stride: usize,
     graph: Csr<'a>,
 }
@@ -63,7 +63,7 @@ impl SimdKernel for Square<'_> {
     }
 }
 
-/// A search from a vertex on.
+/// A local search from a vertex.
 struct Walk<'a> {
     placed: Placed<'a>,
     query: &'a [f32],
@@ -90,7 +90,7 @@ impl<'a> Placed<'a> {
         &self.values[vertex as usize * self.stride..][..self.dimensions]
     }
 
-    /// The nearest `count` vertices around, from `start` on.
+    /// The nearest `count` vertices found by walking from `start`.
     fn walk(self, query: &[f32], start: u32, count: usize, patience: usize) -> Vec<Neighbour> {
         dispatch(Walk { placed: self, query, start, count, patience })
     }
@@ -123,22 +123,22 @@ impl<'a> Placed<'a> {
     }
 }
 
-/// Two meshes in the same coordinates, ready to be matched.
+/// Two meshes in the same coordinates, ready for matching.
 pub struct RefinedPair<'a> {
     a: Placed<'a>,
     b: Placed<'a>,
     graph_a: &'a VertexGraph,
     graph_b: &'a VertexGraph,
-    /// Whether all are compared.
+    /// Whether all pairs are compared.
     all: bool,
-    /// For each vertex of A the vertex of B where a search begins; empty if all are compared.
+    /// For each vertex of A the vertex of B where its search starts; empty if all pairs are compared.
     starts: MappedSlice<u32>,
-    /// What makes lengths on A and B comparable.
+    /// Factors that make lengths on A and B comparable.
     units: [f64; 2],
 }
 
-/// For each vertex of A the match of the nearest seed, where its search begins; vertex 0 if no
-/// seed is connected with it.
+/// For each vertex of A the match of the nearest seed, where its search starts; vertex 0 if no seed is connected with
+/// it.
 fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let (run, [n_a, n_b]) = (context.run, [a, b].map(|placed| placed.graph.len()));
     let some = |n: usize, most: usize| (0..n as u32).step_by(n.div_ceil(most).max(1)).collect::<Vec<u32>>();
@@ -162,7 +162,8 @@ fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSl
     array.finish(false)
 }
 
-/// The vertices of `basis` in A's coordinates by the map `c` (its functions × those of A), into the file `name`.
+/// Transforms the vertices of `basis` to A's coordinates by the map `c` (its functions × those of A), into the file
+/// `name`.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -181,9 +182,9 @@ pub fn carried(basis: &LocalBasis, c: &DMatrix<f64>, name: &str, context: Contex
 }
 
 impl<'a> RefinedPair<'a> {
-    /// Vertices of A and of B in the same coordinates, of which the first `dimensions` count: values, vertex by
-    /// vertex, and how many each has. All are compared up to `exhaustive` pairs; beyond, a file of `context`
-    /// holds where searches begin.
+    /// Vertices of A and of B in the same coordinates, of which only the first `dimensions` are used: values, vertex by
+    /// vertex, and how many each has. Up to `exhaustive` pairs, all are compared; beyond, a file of `context` stores
+    /// where searches start.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -212,8 +213,8 @@ impl<'a> RefinedPair<'a> {
         Self { units, ..self }
     }
 
-    /// The nearest of `v` of A around `from`, the match of a neighbour. If that of the nearest seed is nearer, `from`
-    /// lies where one mistake has led to the next, as from a leg onto the chest next to it.
+    /// The nearest vertex to `v` of A, walking from `from`, the match of a neighbour. If the match of the nearest seed
+    /// is nearer, an error was propagated to `from`, as from a leg onto the chest next to it.
     fn walk_from(&self, v: u32, from: u32) -> Neighbour {
         let (query, start) = (self.a.at(v), self.starts[v as usize]);
         let found = self.b.walk(query, from, 1, PATIENCE)[0];
@@ -224,7 +225,7 @@ impl<'a> RefinedPair<'a> {
         if other.square < found.square { other } else { found }
     }
 
-    /// The nearest of each vertex of `range`, walking over B.
+    /// The nearest vertex to each vertex of `range`, by walking over B.
     fn walked(&self, range: Range<usize>) -> Vec<Neighbour> {
         let first = range.start;
         let mut found = vec![Neighbour { vertex: NOBODY, square: f32::INFINITY }; range.len()];

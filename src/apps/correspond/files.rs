@@ -1,5 +1,5 @@
-//! Matches in files: `.npy` (records of match, distance, confidence), `.csv` and `.parquet` (the same in columns, with
-//! the vertex first). Any vector of integers can be read as the true map of vertices.
+//! Files of matches: `.npy` (records of match, distance, confidence), `.csv` and `.parquet` (the same in columns, with
+//! the vertex first). Any vector of integers can be read as a true map of vertices.
 
 use super::matches::Match;
 use crate::apps::integers::read_integers;
@@ -12,17 +12,17 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-/// What endings are known, for messages.
+/// The supported file extensions, for messages.
 pub const ENDINGS: &str = if cfg!(feature = "parquet") { ".npy, .csv or .parquet" } else { ".npy or .csv" };
 
 const TITLES: &str = "vertex,match,distance,confidence";
 
-/// The ending of a file's name, in lower case.
+/// A file's extension, in lower case.
 fn ending(path: &Path) -> Option<String> {
     path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
 }
 
-/// Whether [`write()`] knows the form of this name.
+/// Whether [`write()`] supports the extension of this name.
 pub fn is_known(path: &Path) -> bool {
     let ending = ending(path);
     matches!(ending.as_deref(), Some("npy" | "csv"))
@@ -42,7 +42,7 @@ pub fn is_known(path: &Path) -> bool {
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] for another ending; [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
+/// [`Error::Parameter`] for another extension; [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
 pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
     match ending(path).as_deref() {
         Some("npy") => npy::write(path, matches, 1, true).map(drop),
@@ -107,11 +107,11 @@ fn write_csv(path: &Path, file: &mut File, matches: &[Match], run: &Run) -> Resu
     out.flush().map_err(failed())
 }
 
-/// Reads the vertex that each vertex is matched to, `None` for none: from matches as written here, or from a vector of
-/// integers (`.npy`; negative for none).
+/// Reads the match of each vertex, `None` if it has none: from matches as written here, or from a vector of integers
+/// (`.npy`; negative for none).
 ///
 /// # Errors
-/// [`Error::Unusable`] for another ending, [`Error::Malformed`] naming the item or line, [`Error::Io`].
+/// [`Error::Unusable`] for another extension, [`Error::Malformed`] naming the item or line, [`Error::Io`].
 pub fn read(path: &Path) -> Result<Vec<Option<u32>>> {
     match ending(path).as_deref() {
         Some("npy") => read_npy(path),

@@ -1,19 +1,19 @@
 //! Functional maps between two bases, and the points that they match (Ovsjanikov et al. 2012, *Functional Maps*).
 //!
-//! A map of vertices carries functions of B to A; between the first k functions of each basis that is a k × k matrix C
-//! with Φ_B(match of v) ≈ C Φ_A(v) over vertices v of A. Back again, the match of v is the vertex of B nearest to it,
-//! in coordinates of A: the w whose Cᵀ Φ_B(w) is nearest to Φ_A(v).
+//! A map of vertices transfers functions from B to A; between the first k functions of each basis that is a k × k
+//! matrix C with Φ_B(match of v) ≈ C Φ_A(v) over vertices v of A. In the other direction, the match of v is the nearest
+//! vertex of B in coordinates of A: the w whose Cᵀ Φ_B(w) is nearest to Φ_A(v).
 //!
 //! Nearest points in a hundred coordinates are found by comparing all of them, because no tree prunes there.
-//! [`Targets`] holds them in blocks, so that one is compared with as many as a vector has lanes. Each product is summed
-//! in the same order, whatever the vectors.
+//! [`Targets`] stores them in blocks, so that one query is compared with as many points as a vector has lanes. Each
+//! product is summed in the same order, whatever the vector width.
 
 use crate::base::simd::{SimdKernel, dispatch};
 use nalgebra::DMatrix;
 
 /// Points compared at a time.
 const LANES: usize = 16;
-/// Queries answered together.
+/// Queries processed together.
 const QUERIES: usize = 4;
 
 /// Points of k coordinates, row by row.
@@ -31,7 +31,7 @@ impl Points {
         self.values.len() / self.dimensions.max(1)
     }
 
-    /// Whether there is none.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }
@@ -42,7 +42,7 @@ impl Points {
         &self.values[i * self.dimensions..(i + 1) * self.dimensions]
     }
 
-    /// The first `k` coordinates of each.
+    /// The first `k` coordinates of each point.
     #[must_use]
     pub fn first(&self, k: usize) -> Self {
         let k = k.min(self.dimensions);
@@ -51,7 +51,7 @@ impl Points {
     }
 }
 
-/// Points to be searched: blocks of [`LANES`], coordinate by coordinate, and half their squares.
+/// Points to be searched: blocks of [`LANES`], coordinate by coordinate, and half their squared norms.
 pub struct Targets {
     count: usize,
     dimensions: usize,
@@ -68,7 +68,7 @@ impl Targets {
             count,
             dimensions,
             blocks: vec![[0.; LANES]; blocks * dimensions],
-            // What is no point is infinitely far.
+            // Padding is infinitely far away.
             halves: vec![[f32::INFINITY; LANES]; blocks],
         };
         for (i, point) in points.enumerate() {
@@ -88,12 +88,12 @@ impl Targets {
         self.count
     }
 
-    /// Whether there is none.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// For each of `queries` the nearest point, the first of equals; 0 where there is none.
+    /// For each of `queries` the nearest point, the first if several; 0 if there are no points.
     pub fn nearest(&self, queries: &[&[f32]], out: &mut Vec<u32>) {
         for group in queries.chunks(QUERIES) {
             let padded: [&[f32]; QUERIES] = std::array::from_fn(|q| group[q.min(group.len() - 1)]);
@@ -114,7 +114,7 @@ impl SimdKernel for Nearest<'_> {
     #[inline(always)]
     fn run(self) -> [u32; QUERIES] {
         let Targets { dimensions, blocks, halves, .. } = self.targets;
-        // |x − y|² / 2 = |x|²/2 − (x·y − |y|²/2): the most of the difference is the nearest.
+        // |x − y|² / 2 = |x|²/2 − (x·y − |y|²/2): the greatest difference is the nearest point.
         let mut best = [[f32::NEG_INFINITY; LANES]; QUERIES];
         let mut at = [[0u32; LANES]; QUERIES];
         let queries = self.queries.map(|query| &query[..*dimensions]);
@@ -158,7 +158,7 @@ struct Products<'a> {
     a: &'a Points,
     b: &'a Points,
     pairs: &'a [(u32, u32)],
-    /// k and m.
+    /// The counts k and m.
     counts: [usize; 2],
 }
 
@@ -182,9 +182,9 @@ impl SimdKernel for Products<'_> {
     }
 }
 
-/// The map C (k × k) that brings the first k functions at points of A nearest to those at their matches in B, Φ_B ≈ C
-/// Φ_A in the least squares over `pairs` of points (of `a`, of `b`), with a little of the unit matrix for directions
-/// that the pairs leave open.
+/// The map C (k × k) that best maps the first k functions at points of A to those at their matches in B: Φ_B ≈ C Φ_A in
+/// the least-squares sense over `pairs` of points (of `a`, of `b`), slightly regularised for directions that the pairs
+/// do not determine.
 ///
 /// ```
 /// use nystrom_stream::apps::correspond::functional::{Points, fit};
@@ -232,28 +232,28 @@ impl SimdKernel for Carried<'_> {
     }
 }
 
-/// Brings points of B to the coordinates of A: Cᵀ Φ_B.
+/// Transforms points of B to the coordinates of A: Cᵀ Φ_B.
 pub struct ToA {
-    /// Functions of B.
+    /// Number of functions of B.
     of_b: usize,
-    /// Functions of A.
+    /// Number of functions of A.
     k: usize,
     /// C, row by row.
     map: Vec<f32>,
 }
 
 impl ToA {
-    /// By the map `c` (functions of B × functions of A).
+    /// Uses the map `c` (functions of B × functions of A).
     pub fn new(c: &DMatrix<f64>) -> Self {
         Self { of_b: c.nrows(), k: c.ncols(), map: c.transpose().iter().map(|&x| x as f32).collect() }
     }
 
-    /// The point of A's coordinates (k) for one of B's (at least as many as the map has).
+    /// Transforms a point from B's coordinates (at least as many as the map has) to A's (k).
     pub fn carry(&self, point: &[f32], out: &mut [f32]) {
         dispatch(Carried { map: &self.map, from: &point[..self.of_b], out: &mut out[..self.k] });
     }
 
-    /// All of `points`.
+    /// Transforms all of `points`.
     pub fn carry_all(&self, points: &Points) -> Points {
         let mut values = vec![0.; points.len() * self.k];
         for (i, out) in values.chunks_exact_mut(self.k.max(1)).enumerate() {

@@ -1,17 +1,17 @@
-//! Matches: for every vertex of A the vertex of B whose embedding is nearest, under one of three rules;
-//! and how sure each match is.
+//! Matches: for every vertex of A the vertex of B whose embedding is nearest, under one of three rules, with a
+//! confidence.
 //!
 //! All: every vertex has its nearest, and several may share one. Mutual: a match counts only if each vertex is the
-//! nearest of the other. One to one: the stable assignment in which vertices ask for their nearest first and each is
-//! held by the nearest that asks, over [`CHOICES`] choices each; a vertex that nobody holds is unmatched. No rule
+//! nearest of the other. One to one: the stable assignment in which each vertex requests its nearest and each target is
+//! held by its nearest requester, over [`CHOICES`] choices each; a vertex that holds no target is unmatched. No rule
 //! depends on threads or on the order of requests. Cost: 16 bytes per vertex on disk, some µs per vertex.
 //!
-//! Confidence: the way from a vertex to its match, and from there to the nearest vertex of A, should end where it
-//! began. Two errors are averaged over some rings of neighbours, both over √area: how far from its start that way ends,
-//! and how much the length of each edge differs from the distance between the matches of its ends. That mean ε becomes
-//! the confidence 1/(1 + (ε/[`HALF`])²). Distance in the embedding itself says next to nothing. On scanned poses the
-//! rank correlation of confidence with the true error was −.37 to −.45. Two fields of 8 bytes per vertex on disk,
-//! [`ROUNDS`] passes over the edges.
+//! Confidence: going from a vertex to its match, and from there to the nearest vertex of A, should lead back to the
+//! start. Two errors are averaged over some rings of neighbours, both over √area: the distance by which that round trip
+//! misses its start, and the difference between the length of each edge and the distance between the matches of its
+//! ends. That mean ε becomes the confidence 1/(1 + (ε/[`HALF`])²). Distance in the embedding itself indicates next to
+//! nothing. On scanned poses the rank correlation of confidence with the true error was −.37 to −.45. Two fields of 8
+//! bytes per vertex on disk, [`ROUNDS`] passes over the edges.
 
 use super::align::{Alignment, apply};
 use super::search::{EmbeddingSearch, Neighbour};
@@ -27,27 +27,26 @@ use std::ops::Range;
 
 /// Vertices per chunk.
 const CHUNK: usize = 1 << 12;
-/// Vertices that one may ask for, one to one.
+/// Number of vertices that one may request, one to one.
 pub const CHOICES: usize = 24;
 
-/// Vertices at the most from whose matches one comes back, to see how sure they are.
+/// Maximum number of vertices from whose matches the round trip is made for the confidence.
 const RETURNS: usize = 1 << 18;
 
-/// A vertex's match: what `matches.npy` holds of each.
+/// A vertex's match: one record of `matches.npy`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Match {
     /// The vertex of B, −1 without one.
     pub target: i64,
-    /// Distance in the embedding, whose products approximate affinities (which are 1 at most);
-    /// infinite without a match.
+    /// Distance in the embedding, whose inner products approximate affinities (at most 1); infinite without a match.
     pub distance: f32,
-    /// How sure, from 0 to 1.
+    /// The confidence, from 0 to 1.
     pub confidence: f32,
 }
 
 impl Item for Match {
-    // Without blanks, so that the header has room for nine digits of a length.
+    // Without blanks, so that the header has room for a length of nine digits.
     const DESCR: &'static str = "[('match','<i8'),('distance','<f4'),('confidence','<f4')]";
 }
 
@@ -69,31 +68,31 @@ pub enum Matching {
     /// The nearest of each vertex.
     #[default]
     All,
-    /// Those that are nearest to each other.
+    /// Those that are mutually nearest.
     Mutual,
-    /// No vertex of B twice.
+    /// Each vertex of B at most once.
     OneToOne,
 }
 
-/// Two meshes in the same coordinates, in which the nearest can be found.
+/// Two meshes in the same coordinates, with nearest-vertex searches.
 pub trait Pair: Sync {
     /// The surfaces of A and B.
     fn graphs(&self) -> [&VertexGraph; 2];
-    /// What lengths on A and B are multiplied by before they are compared: 1/√area of each.
+    /// Factors that make lengths on A and B comparable: 1/√area of each.
     fn units(&self) -> [f64; 2] {
         self.graphs().map(VertexGraph::unit)
     }
-    /// For each vertex of A in `range` the nearest of B.
+    /// For each vertex of A in `range` the nearest vertex of B.
     fn nearest(&self, range: Range<usize>) -> Vec<Neighbour>;
-    /// For each pair of a vertex of A and its match the vertex of A that is nearest to the match.
+    /// For each pair of a vertex of A and its match, the vertex of A that is nearest to the match.
     fn home(&self, pairs: &[(u32, u32)]) -> Vec<u32>;
     /// Whether two vertices of A have the same coordinates.
     fn at_same_place(&self, v: u32, w: u32) -> bool;
-    /// Up to `count` vertices of B nearest to `v` of A, in ascending order; `known` is one that is near.
+    /// Up to `count` vertices of B nearest to `v` of A, in ascending order of distance; `known` is a nearby one.
     fn several(&self, v: u32, known: u32, count: usize) -> Vec<Neighbour>;
 }
 
-/// Two embeddings aligned.
+/// Two aligned embeddings.
 #[derive(Clone, Copy)]
 pub struct AlignedPair<'a> {
     /// Embedded vertices of A (n).
@@ -104,7 +103,7 @@ pub struct AlignedPair<'a> {
     pub graph_a: &'a VertexGraph,
     /// The surface of B.
     pub graph_b: &'a VertexGraph,
-    /// From A's coordinates to B's.
+    /// Transforms A's coordinates to B's.
     pub alignment: &'a Alignment,
     /// Searches B.
     pub in_b: &'a EmbeddingSearch<'a>,
@@ -138,7 +137,7 @@ impl Pair for AlignedPair<'_> {
 /// Matches every vertex of A, into the file `name` of `work`. Progress is reported as stage `match`.
 ///
 /// # Errors
-/// [`Error::Parameter`] for more vertices than the header of the array has digits for (10⁹), [`Error::Io`],
+/// [`Error::Parameter`] for more vertices than the array's header has digits for (10⁹), [`Error::Io`],
 /// [`Error::Cancelled`].
 pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Context<'_>) -> Result<MappedSlice<Match>> {
     let [graph_a, _] = pair.graphs();
@@ -148,7 +147,7 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
     }
     let mut array = context.work.array::<Match>(name, &[n])?;
     let mut doubt = context.work.array::<f32>("doubt.tmp", &[n])?;
-    // Enough of a large mesh to tell where matches come back to; all for mutual ones.
+    // A sample of a large mesh suffices for the round trips; mutual matches need all.
     let step = if matching == Matching::Mutual { 1 } else { n.div_ceil(RETURNS) };
     let [unit, _] = pair.units();
     let fill = |k: usize, out: &mut [Match], doubt: &mut [f32], (): &mut ()| {
@@ -164,7 +163,7 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
         for (&(v, _), home) in asked.iter().zip(pair.home(&asked)) {
             let [from, to] = [v, home].map(|v| wide(graph_a.nodes[v as usize].centroid));
             doubt[v as usize - first] = (unit * distance(from, to)) as f32;
-            // At the same place in the embedding is as good as the same.
+            // Ending at the same place in the embedding is as good as at the same vertex.
             if matching == Matching::Mutual && home != v && !pair.at_same_place(v, home) {
                 out[v as usize - first] = Match::NONE;
             }
@@ -180,7 +179,7 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
     array.finish(false)
 }
 
-/// Makes `matches`, which are everyone's nearest, one to one.
+/// Makes `matches`, which are all nearest vertices, one to one.
 fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> Result<()> {
     const FREE: u32 = u32::MAX;
     let mut holders = context.work.array::<u32>("holders.tmp", &[pair.graphs()[1].len()])?;
@@ -191,7 +190,7 @@ fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> 
             context.run.cancel.check()?;
         }
         let mut asking = v as u32;
-        // Whoever loses a vertex asks for the next; who asks last for one that is free ends the chain.
+        // A vertex that loses its target requests its next one; a chain ends with a request for a free target.
         while let Some(target) = matches[asking as usize].vertex() {
             let held = std::mem::replace(&mut holder[target as usize], asking);
             if held == FREE {
@@ -205,7 +204,7 @@ fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> 
             }
             let choices = pair.several(loser, target, CHOICES);
             let place = choices.iter().position(|choice| choice.vertex == target);
-            // The nearest search may have met another vertex at the same place first.
+            // The nearest search may have met another vertex at the same position first.
             let next = choices.get(place.map_or(0, |place| place + 1));
             matches[loser as usize] = match next.filter(|_| place.is_some()) {
                 Some(next) => Match { target: i64::from(next.vertex), distance: next.square.sqrt(), confidence: 0. },
@@ -217,16 +216,16 @@ fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> 
     Ok(())
 }
 
-/// The error, over √area, at which a match is half sure.
+/// The error, over √area, at which the confidence is ½.
 pub const HALF: f32 = 0.05;
-/// Passes of averaging.
+/// Number of averaging passes.
 const ROUNDS: usize = 10;
 const CONFIDENCE_CHUNK: usize = 1 << 14;
 
-/// Sum and weight of doubt.
+/// Sum and weight of the error.
 type Doubt = [f32; 2];
 
-/// Sets the confidence of `matches` (n) from the ways missing on return in `returned` (n; NaN where not looked at).
+/// Sets the confidence of `matches` (n) from the round-trip errors in `returned` (n; NaN if not computed).
 fn fill_confidence(pair: &impl Pair, matches: &mut [Match], returned: &[f32], context: Context<'_>) -> Result<()> {
     let (n, graphs) = (matches.len(), pair.graphs());
     let field = |name: &str| context.work.array::<f32>(name, &[n, 2]);

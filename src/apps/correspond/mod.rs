@@ -1,9 +1,9 @@
-//! Which vertex of one mesh is which of another: §7.1 of the paper, without known matches and at any size.
+//! Which vertex of one mesh corresponds to which of another: §7.1 of the paper, without known matches and at any size.
 //!
 //! Both meshes are embedded ([`crate::spectral::nystrom`]), the embeddings aligned ([`mod@align`]), the alignments
-//! refined in a hundred functions and judged ([`mod@refine`]), vertices matched to the nearest ([`mod@dense`],
-//! [`mod@matches`]). A part and a whole are matched in another way ([`partial`]). Matches carry colours, labels and
-//! other properties over ([`carry`]) and are judged by true ones ([`accuracy`]).
+//! refined in a hundred functions and ranked ([`mod@refine`]), and vertices matched to the nearest ([`mod@dense`],
+//! [`mod@matches`]). A part and a whole are matched differently ([`partial`]). Matches transfer colours, labels and
+//! other properties ([`carry`]) and are compared with true ones ([`accuracy`]).
 
 pub mod accuracy;
 pub mod align;

@@ -1,10 +1,10 @@
-//! Telling a shape from its mirror image in the embedding: the signed volume of the surface mapped there.
+//! Distinguishes a shape from its mirror image in the embedding by the signed volume of the embedded surface.
 //!
-//! For spectral axes a < b < c the surface mapped to these three coordinates encloses the volume T_abc = Σ
-//! det[e(v₀), e(v₁), e(v₂)]/6 over its triangles. T is an alternating 3-tensor: an orthogonal change of coordinates
-//! turns it by the 3 × 3 minors, and reversing the winding negates it. So with the right alignment two tensors agree
-//! (cosine near 1), with a mirrored one they disagree (near −1), and where neither holds, the shape does not decide.
-//! One parallel pass over the triangles, k³/6 determinants each.
+//! For spectral axes a < b < c the surface mapped to these three coordinates encloses the volume T_abc = Σ det[e(v₀),
+//! e(v₁), e(v₂)]/6 over its triangles. T is an alternating 3-tensor: an orthogonal change of coordinates transforms it
+//! by the 3 × 3 minors, and reversing the winding negates it. So with the right alignment two tensors agree (cosine
+//! near 1), with a mirrored one they are opposite (near −1), and otherwise the shape is inconclusive. One parallel pass
+//! over the triangles, k³/6 determinants each.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -16,7 +16,7 @@ use nalgebra::DMatrix;
 
 const CHUNK: usize = 1 << 14;
 
-/// The alternating tensor of a mapped surface: T_abc for a < b < c, in the order of [`triples`].
+/// The alternating tensor of an embedded surface: T_abc for a < b < c, in the order of [`triples`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
     dimensions: usize,
@@ -78,7 +78,7 @@ impl Tensor {
         self.dimensions
     }
 
-    /// The tensor of the first `dimensions` coordinates alone.
+    /// The tensor of the first `dimensions` coordinates only.
     pub fn of_first(&self, dimensions: usize) -> Self {
         let kept = triples(self.dimensions).into_iter().zip(&self.values).filter(|(axes, _)| axes[2] < dimensions);
         Self { dimensions: dimensions.min(self.dimensions), values: kept.map(|(_, value)| *value).collect() }
@@ -95,7 +95,7 @@ impl Tensor {
         Self { dimensions: self.dimensions, values: triples.iter().map(value).collect() }
     }
 
-    /// The cosine between two tensors, from −1 to 1; 0 where one vanishes.
+    /// The cosine between two tensors, from −1 to 1; 0 if one vanishes.
     pub fn agreement(&self, other: &Self) -> f64 {
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
         let norms = (dot(&self.values, &self.values) * dot(&other.values, &other.values)).sqrt();
@@ -115,13 +115,13 @@ mod tests {
             corners.iter().map(|p| [p[0] as f32, p[1] as f32, p[2] as f32, 1., 0., 0., 0., 0.]).collect();
         let tensor = Tensor::of(&mesh, &points, 4, &Run::new(&())).unwrap();
         assert!((tensor.values[0] - 1. / 6.).abs() < 1e-12, "{:?}", tensor.values);
-        // A closed surface casts no shadow.
+        // A closed surface has no projected area.
         assert!(tensor.values[1..].iter().all(|x| x.abs() < 1e-12));
         let mut mirror = DMatrix::identity(4, 4);
         mirror[(1, 1)] = -1.;
         assert!((tensor.turned(&mirror).agreement(&tensor) + 1.).abs() < 1e-12);
         assert_eq!(tensor.of_first(3).values, tensor.values[..1]);
-        // Turning by minors equals turning the points.
+        // Transforming by minors equals transforming the points.
         let (sin, cos) = 0.7f64.sin_cos();
         let turn =
             DMatrix::from_row_slice(4, 4, &[cos, -sin, 0., 0., sin, cos, 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]);

@@ -1,5 +1,5 @@
-//! Pairs of landmarks given by hand: a text file with one pair per line, of vertices (two integers) or
-//! of points (six numbers). Cost: one pass over the faces of each mesh, times the points.
+//! User-defined pairs of landmarks: a text file with one pair per line, of vertices (two integers) or of points (six
+//! numbers). Cost: one pass over the faces of each mesh, times the number of points.
 
 use crate::base::{Error, Result};
 use crate::graph::vertex_graph::triangles;
@@ -7,17 +7,17 @@ use crate::mesh::Mesh;
 use crate::store::{Run, json};
 use std::path::Path;
 
-/// Faces between two looks at whether the run was cancelled.
+/// Faces between two checks of the stop flag.
 const CHUNK: usize = 1 << 16;
 
-/// A landmark on either mesh.
+/// A landmark on each mesh.
 enum Pair {
     Vertices([u32; 2]),
     Points([[f64; 3]; 2]),
 }
 
-/// Reads pairs (vertex of `a`, vertex of `b`); a point stands for the vertex of a triangle that is nearest to it.
-/// Commas count as blanks; what follows a # is skipped.
+/// Reads pairs (vertex of `a`, vertex of `b`); a point represents the nearest vertex that some triangle uses. Commas
+/// count as blanks; the rest of a line after # is ignored.
 ///
 /// # Errors
 /// [`Error::Malformed`] naming the line, [`Error::Unusable`] for a file without pairs, [`Error::Io`],
@@ -72,7 +72,7 @@ pub fn read(path: &Path, a: &Mesh, b: &Mesh, run: &Run) -> Result<Vec<(u32, u32)
     Ok(pairs.iter().filter_map(vertices).collect())
 }
 
-/// For each of `points` the vertex of a triangle of `mesh` that is nearest, of several the first.
+/// For each of `points` the nearest vertex that some triangle of `mesh` uses; of several, the first.
 fn nearest(mesh: &Mesh, points: &[[f64; 3]], run: &Run) -> Result<Vec<u32>> {
     let mut best = vec![(f64::INFINITY, 0); points.len()];
     let n = if points.is_empty() { 0 } else { mesh.faces.len() };
@@ -98,7 +98,7 @@ fn nearest(mesh: &Mesh, points: &[[f64; 3]], run: &Run) -> Result<Vec<u32>> {
 mod tests {
     use super::*;
 
-    /// The nearest vertex was taken, and refused where no triangle used it.
+    /// Regression: the nearest of all vertices was taken, and rejected if no triangle used it.
     #[test]
     fn points_stand_for_vertices_of_triangles() {
         let square = [[9., 9., 9.], [0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [0.9, 0.9, 0.]];

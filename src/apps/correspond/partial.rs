@@ -1,19 +1,19 @@
-//! Matching a part with a whole: a scan with holes, a crop.
+//! Matches a part with a whole: a scan with holes, a crop.
 //!
-//! What is missing changes every eigenfunction and every mean, so embeddings of a part and of a whole cannot be
-//! aligned. Two things hardly change: distances along the surface between points that are left, and how heat stays near
-//! a point for as long as it does not reach the boundary (Sun, Ovsjanikov, Guibas 2009, *A Concise and Provably
-//! Informative Multi-Scale Signature*). Some [`ANCHORS`] points far apart on the part are assigned to candidates on the
-//! whole, one after the other: a beam of the assignments whose pairwise distances and heat agree best
-//! ([`assignments`]). An anchor may stay unassigned, at a cost. Each assignment is then improved anchor by anchor,
-//! until none has a better candidate.
+//! Missing regions change every eigenfunction and every mean, so embeddings of a part and of a whole cannot be aligned.
+//! Two things hardly change: distances along the surface between remaining points, and the heat kernel at a point until
+//! heat reaches the boundary (Sun, Ovsjanikov, Guibas 2009, *A Concise and Provably Informative Multi-Scale
+//! Signature*). Some [`ANCHORS`] points far apart on the part are assigned to candidates on the whole, one after the
+//! other, by a beam search over the assignments whose pairwise distances and heat agree best ([`assignments`]). An
+//! anchor may stay unassigned, at a cost. Each assignment is then improved anchor by anchor, until no anchor has a
+//! better candidate.
 //!
 //! The distances of a point from the anchors determine its match. Maps are ranked by how far these distances differ,
 //! by how much of the whole they cover and by heat at matched points; mirror images are recognised by local
 //! orientation ([`agreement`]).
 //!
-//! Distances alone do not tell a horse's front from its back: both are a trunk with two legs and one more limb.
-//! Heat does. Refining these maps between functions, as maps of wholes are, made them worse on six of seven crops,
+//! Distances alone do not distinguish a horse's front from its back: both are a trunk with two legs and one more limb.
+//! Heat does. Refining these maps between functions, as for maps of wholes, made them worse on six of seven crops,
 //! since holes change functions.
 //!
 //! Cost: a front per candidate on the whole and two bases; the rest is constant, except for
@@ -30,74 +30,73 @@ use crate::spectral::local::LocalBasis;
 use crate::store::Run;
 use serde::Serialize;
 
-/// Points of the part that are assigned.
+/// Number of points of the part that are assigned.
 pub const ANCHORS: usize = 16;
-/// Points of the whole that they are assigned to.
+/// Number of points of the whole to which they may be assigned.
 pub const CANDIDATES: usize = 160;
-/// Sample points of the part and of the whole.
+/// Number of sample points of the part and of the whole.
 const SAMPLES: [usize; 2] = [1000, 2500];
-/// Assignments of the first [`LEADING`] anchors that are kept from one to the next.
+/// Beam width: assignments of the first [`LEADING`] anchors kept from one anchor to the next.
 const BEAM: usize = 20_000;
-/// Anchors whose assignments are distinguished before the others follow.
+/// Number of anchors that define branches of the search.
 const LEADING: usize = 4;
-/// Different assignments of these, and how many are kept of each from anchor to anchor.
+/// Number of branches, and of assignments kept per branch from anchor to anchor.
 const BRANCHES: [usize; 2] = [150, 30];
-/// Assignments that are judged.
+/// Number of assignments that are evaluated.
 const STARTS: usize = 8;
-/// Candidates of an anchor, by heat and by the area around.
+/// Number of candidates per anchor, by heat and by surrounding area.
 const LIKELY: usize = 60;
 /// Radii within which area is compared, over √area of the whole.
 const RADII: [f64; 4] = [0.1, 0.2, 0.3, 0.45];
-/// Difference of distances, over √area of the whole, that an anchor without image costs for each other anchor.
+/// Cost of an unassigned anchor per other anchor, as a difference of distances over √area of the whole.
 const WITHOUT: f64 = 0.12;
-/// Mean distance between images, over √area of the whole, from which two assignments differ; that of one image from
-/// which those of the leading anchors do.
+/// Mean distance between images, over √area of the whole, above which two assignments differ; and the distance of one
+/// image above which the branches differ.
 const APART: [f64; 2] = [0.05, 0.15];
-/// Times an assignment is gone through to improve it, at the most.
+/// Maximum number of improvement passes over an assignment.
 const IMPROVEMENTS: usize = 5;
-/// Times of heat, over the highest frequency.
+/// Diffusion times, in units of 1 / the highest frequency.
 const TIMES: [f64; 5] = [4., 8., 16., 32., 64.];
-/// What a square of the difference of log heat costs, of 1 at the most, and what area that is too
-/// much or too little does.
+/// Weights of the squared difference of log heat, capped at 1, and of the excess or lack of area.
 const PRICES: [f64; 2] = [0.05, 0.003];
-/// Added to the difference of heat, so that chance does not decide.
+/// Added to the difference of heat, so that random differences do not decide.
 const HEAT_FLOOR: f64 = 0.02;
-/// Disagreement, over √area of the whole, up to which a point's distances agree with those of its match.
+/// Maximum disagreement, over √area of the whole, for a point's distances to agree with those of its match.
 const AGREEING: f64 = 0.1;
-/// Points at which orientation is compared, and neighbours of each.
+/// Number of points at which orientation is compared, and of neighbours of each.
 const ORIENTED: [usize; 2] = [500, 6];
-/// Functions that tell neighbours.
+/// Number of functions for finding neighbours.
 const FEW: usize = 30;
 
-/// A mesh, as matching of parts sees it.
+/// A mesh, as used by partial matching.
 #[derive(Clone, Copy, Debug)]
 pub struct PartialSide<'a> {
     /// Its surface.
     pub graph: &'a VertexGraph,
-    /// Its functions, from a kernel of the same width as the other's.
+    /// Its functions, from a kernel of the same width as those of the other.
     pub basis: &'a LocalBasis,
     /// Distances from anchors or candidates.
     pub rows: &'a DistanceRows,
-    /// What distances are multiplied by: 1 becomes √area of the whole.
+    /// The factor for distances, such that 1 becomes √area of the whole.
     pub unit: f64,
 }
 
 /// A map from the part to the whole.
 #[derive(Clone, Debug, Serialize)]
 pub struct PartialOutcome {
-    /// Anchors that have an image.
+    /// Number of anchors with an image.
     pub anchors: usize,
     /// Mean difference between the distances of a point and of its match from anchors, over √area of the whole.
     pub disagreement: f64,
     /// Share of the part's sample points whose distances agree with those of their matches.
     pub agreeing: f64,
-    /// Different matches, over the part's sample points.
+    /// Number of different matches, over the part's sample points.
     pub covered: f64,
     /// Mean difference of log heat between a point and its match.
     pub heat: f64,
-    /// Share of points and times at which heat has not reached the boundary, so that it can be compared.
+    /// Share of points and times at which heat has not reached the boundary, so that it is comparable.
     pub intact: f64,
-    /// Agreement of orientation: near 1 right, near −1 mirrored.
+    /// Agreement of orientation: near 1 correct, near −1 mirrored.
     pub orientation: f64,
     /// The candidate of each anchor.
     #[serde(skip)]
@@ -114,9 +113,9 @@ impl PartialOutcome {
 /// An anchor's candidate, or none.
 pub type Image = Option<u32>;
 
-/// Assignments of anchors to candidates, the likeliest first: `within[i][j]` are distances between anchors,
-/// `among[c][d]` between candidates, `own[i][c]` is what candidate c costs anchor i by itself; all in the same units,
-/// squared where they are costs. One without image costs `without`².
+/// Assignments of anchors to candidates, likeliest first: `within[i][j]` are distances between anchors, `among[c][d]`
+/// between candidates, `own[i][c]` is the cost of candidate c for anchor i alone; all in the same units, squared for
+/// costs. An unassigned anchor costs `without`².
 ///
 /// ```
 /// use nystrom_stream::apps::correspond::partial::assignments;
@@ -164,7 +163,7 @@ pub fn assignments(within: &[Vec<f64>], among: &[Vec<f64>], own: &[Vec<f64>], wi
     all.into_iter().map(|(_, images)| images).collect()
 }
 
-/// The places of the `most` least of `costs`, in ascending order.
+/// The indices of the `most` least of `costs`, in ascending order.
 fn cheapest(costs: &[f64], most: usize) -> Vec<u32> {
     let mut order: Vec<u32> = (0..costs.len() as u32).collect();
     sort_by(&mut order, |&c, &d| costs[c as usize].total_cmp(&costs[d as usize]).then(c.cmp(&d)));
@@ -172,7 +171,7 @@ fn cheapest(costs: &[f64], most: usize) -> Vec<u32> {
     order
 }
 
-/// What assignments cost; see [`assignments`].
+/// The costs of assignments; see [`assignments`].
 struct Costs<'a> {
     within: &'a [Vec<f64>],
     among: &'a [Vec<f64>],
@@ -181,7 +180,7 @@ struct Costs<'a> {
 }
 
 impl Costs<'_> {
-    /// What `image` costs anchor `i`, by itself and together with the images of `others`.
+    /// The cost of `image` for anchor `i`, alone and together with the images of `others`.
     fn of(&self, i: usize, image: Image, images: &[Image], others: std::ops::Range<usize>) -> f64 {
         let price = self.without * self.without;
         let Some(c) = image else { return price * others.filter(|&j| j != i).count().max(1) as f64 };
@@ -194,7 +193,8 @@ impl Costs<'_> {
         self.own[i][c as usize] + others.filter(|&j| j != i).map(pair).sum::<f64>()
     }
 
-    /// What `images` cost, when each anchor in turn has taken the candidate that is best together with the others.
+    /// The cost of `images` and the images themselves, after each anchor in turn has taken its best candidate given the
+    /// others.
     fn improved(&self, mut images: Vec<Image>) -> (f64, Vec<Image>) {
         let n = images.len();
         for _ in 0..IMPROVEMENTS {
@@ -212,7 +212,7 @@ impl Costs<'_> {
     }
 }
 
-/// Distances between the images of anchors; an image and none are far apart.
+/// Distances between the images of anchors in two assignments; an image and none are far apart.
 fn images_apart(one: &[Image], other: &[Image], among: &[Vec<f64>]) -> Vec<f64> {
     let apart = |(c, d): (&Image, &Image)| match (*c, *d) {
         (Some(c), Some(d)) => among[c as usize][d as usize],
@@ -235,8 +235,8 @@ fn areas(side: PartialSide<'_>, i: usize) -> [f64; RADII.len()] {
     sums
 }
 
-/// How surfaces turn the same way at `pairs` of vertices and those near them: the cosine between the signed areas of
-/// triangles of points on both; `near` are other pairs for each.
+/// Whether surfaces have the same orientation at `pairs` of vertices: the cosine between the signed areas of triangles
+/// of points on both; `near` are nearby pairs for each.
 fn agreement(graphs: [&VertexGraph; 2], pairs: &[(u32, u32)], near: &[Vec<u32>]) -> f64 {
     let at = |s: usize, v: u32| wide(graphs[s].nodes[v as usize].centroid);
     let normal = |s: usize, v: u32| {
@@ -273,14 +273,14 @@ fn agreement(graphs: [&VertexGraph; 2], pairs: &[(u32, u32)], near: &[Vec<u32>])
     if norms > 0. { mixed / norms } else { 0. }
 }
 
-/// How long heat stays near points: the logarithm of the heat kernel, over the highest frequency of
-/// the whole, at [`TIMES`].
+/// How much heat remains near points: the logarithm of the heat kernel at [`TIMES`], relative to the highest frequency
+/// of the whole.
 struct Heat<'a> {
     sides: [PartialSide<'a>; 2],
-    /// Functions of part and whole, of the same frequencies.
+    /// Numbers of functions of part and whole, up to the same frequency.
     counts: [usize; 2],
     highest: f64,
-    /// Distances from the boundary of the part, where heat reaches it; elsewhere infinite (vertices of the part).
+    /// Distances from the boundary of the part, within reach of heat; elsewhere infinite (vertices of the part).
     boundary: Vec<f32>,
 }
 
@@ -298,7 +298,7 @@ impl<'a> Heat<'a> {
         Ok(Self { sides, counts, highest, boundary })
     }
 
-    /// That of vertex `v` of the part or the whole.
+    /// The log heat of vertex `v` of the part or the whole.
     fn at(&self, side: usize, v: u32) -> [f64; TIMES.len()] {
         let PartialSide { graph, basis, unit, .. } = self.sides[side];
         let area = (unit * unit * graph.facts.area).max(1e-300);
@@ -317,8 +317,8 @@ impl<'a> Heat<'a> {
     }
 }
 
-/// How far heat of [`TIMES`]`[t]` reaches on `whole`, over √area: two standard deviations. Weyl's law tells the area
-/// under a function, by their number.
+/// The reach of heat at [`TIMES`]`[t]` on `whole`, over √area: two standard deviations. By Weyl's law, the highest
+/// frequency follows from the number of functions.
 fn reach(whole: PartialSide<'_>, t: usize) -> f64 {
     2. * (TIMES[t] / (std::f64::consts::TAU * whole.basis.count.max(1) as f64)).sqrt()
 }
@@ -331,8 +331,8 @@ struct Sampled<'a> {
 }
 
 impl Sampled<'_> {
-    /// Over the anchors with images, the median difference of distances from them at `v` of the
-    /// part and `w` of the whole.
+    /// The median difference, over the anchors with images, between the distances from them at `v` of the part and `w`
+    /// of the whole.
     fn disagreement(&self, images: &[Image], v: u32, w: u32) -> f64 {
         let [part, whole] = self.sides;
         let difference = |(i, image): (usize, &Image)| {
@@ -344,7 +344,7 @@ impl Sampled<'_> {
         all.get(all.len() / 2).copied().unwrap_or(f64::INFINITY)
     }
 
-    /// First matches, by distances from anchors.
+    /// Initial matches, by distances from anchors.
     fn begin(&self, images: &[Image]) -> Vec<u32> {
         let kept: Vec<(usize, u32)> = images.iter().enumerate().filter_map(|(i, c)| Some((i, (*c)?))).collect();
         let points = |s: usize| -> Vec<Vec<f32>> {
@@ -356,7 +356,7 @@ impl Sampled<'_> {
         nearest(of_part.iter().map(Vec::as_slice), of_whole.iter().map(Vec::as_slice), kept.len())
     }
 
-    /// Judges an assignment by the matches that distances from anchors tell.
+    /// Evaluates an assignment by the matches that follow from distances to anchors.
     fn judge(&self, images: Vec<Image>) -> PartialOutcome {
         let [in_part, in_whole] = &self.chosen;
         let found = self.begin(&images);
@@ -390,7 +390,7 @@ impl Sampled<'_> {
         }
     }
 
-    /// For each of `some` sample points of the part the nearest others, as places in `some`.
+    /// For each of `some` sample points of the part the nearest others, as indices into `some`.
     fn neighbours(&self, some: &[usize]) -> Vec<Vec<u32>> {
         let (basis, chosen) = (self.sides[0].basis, &self.chosen[0]);
         let values = chosen.iter().flat_map(|&v| basis.at(v as usize)).copied().collect();
@@ -419,7 +419,7 @@ fn nearest<'a>(
     found
 }
 
-/// Maps of `part` (rows from anchors) to `whole` (rows from candidates), the likeliest first.
+/// Maps of `part` (rows from anchors) to `whole` (rows from candidates), likeliest first.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -440,7 +440,7 @@ pub fn match_part(part: PartialSide<'_>, whole: PartialSide<'_>, run: &Run) -> R
         let mine = heat.at(0, v);
         let cost = |(heat_there, around): (&[f64; TIMES.len()], &[f64; RADII.len()])| {
             let squares = heat.intact(v).map(|t| (mine[t] - heat_there[t]).abs().min(1.).powi(2));
-            // Near a cut there is less around.
+            // Near a cut there is less area around.
             let one = |(x, y): (&f64, &f64)| if x > y { x - y } else { 0.3 * (y - x) };
             let unlike = of_part[i].iter().zip(around).map(one).zip(RADII).map(|(d, radius)| d / (radius * radius));
             PRICES[0] * squares.sum::<f64>() + PRICES[1] * unlike.sum::<f64>()

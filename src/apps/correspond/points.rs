@@ -1,8 +1,8 @@
-//! Matches that are points inside triangles, so that a coarse mesh B does not quantise them.
+//! Matches as points inside triangles, so that a coarse mesh B does not quantise them.
 //!
-//! Around the matched vertex of B, the point of its triangles that is nearest in the coordinates of the refined
-//! map: in a plane through three points of k coordinates that is a system of two equations. 24 bytes per vertex on
-//! disk; a few µs per vertex.
+//! Among the triangles around the matched vertex of B, the point that is nearest in the coordinates of the refined map:
+//! in a plane through three points of k coordinates this is a system of two equations. 24 bytes per vertex on disk; a
+//! few µs per vertex.
 
 use super::matches::Match;
 use crate::base::Result;
@@ -20,12 +20,12 @@ const CHUNK: usize = 1 << 12;
 pub struct SurfacePoint {
     /// Vertices of a triangle; −1 without a match.
     pub corners: [i32; 3],
-    /// Their shares, at least 0, of sum 1; 0 without a match.
+    /// Their weights, non-negative with sum 1; 0 without a match.
     pub weights: [f32; 3],
 }
 
 impl Item for SurfacePoint {
-    // Without blanks, so that the header has room for nine digits of a length.
+    // Without blanks, so that the header has room for a length of nine digits.
     const DESCR: &'static str = "[('corners','<i4',(3,)),('weights','<f4',(3,))]";
 }
 
@@ -34,7 +34,7 @@ impl SurfacePoint {
     pub const NONE: Self = Self { corners: [-1; 3], weights: [0.; 3] };
 }
 
-/// The shares of `b` and `c` in the point of the triangle (a, b, c) nearest to `x`, and its squared distance.
+/// The weights of `b` and `c` in the point of the triangle (a, b, c) nearest to `x`, and its squared distance.
 ///
 /// ```
 /// use nystrom_stream::apps::correspond::points::nearest_in_triangle;

@@ -1,20 +1,21 @@
-//! Refining an alignment by spectral upsampling (ZoomOut: Melzi, Ren, Rodolà, Sharma, Wonka, Ovsjanikov 2019), and
-//! judging the outcomes of several.
+//! Refines an alignment by spectral upsampling (ZoomOut: Melzi, Ren, Rodolà, Sharma, Wonka, Ovsjanikov 2019), and ranks
+//! the results of several starts.
 //!
-//! From the matches of an alignment of a few vectors, two steps alternate on samples of both meshes: the linear map
-//! between the first k functions that fits the matches best ([`super::functional`]), and the matches that fit this map
-//! best; k grows up to all functions. Low functions bring the large parts in place, higher ones the details.
+//! Starting from the matches of an alignment in a few functions, two steps alternate on samples of both meshes: the
+//! linear map between the first k functions that fits the matches best ([`super::functional`]), and the matches that
+//! fit this map best; k grows up to all functions. Low frequencies bring the large parts in place, higher ones the
+//! details.
 //!
-//! Each start is refined on its own, from each of [`FIRST`] as first k; the best halfway are refined further. Outcomes
-//! are judged by what the starts know little about: how far distances from landmarks differ on both meshes
-//! ([`Outcome::distortion`]), and how far the functions of all samples are from those of their matches, both ways
-//! ([`Outcome::residual`]). Both hardly tell a horse's head from its tail once refined; what the start costs when area
-//! is carried one to one does.
+//! Each start is refined independently, with each of [`FIRST`] as first k; the best halfway are refined further.
+//! Results are ranked by criteria that the starts hardly optimise: the difference of distances from landmarks on both
+//! meshes ([`Outcome::distortion`]), and the distance of the functions of all samples from those of their matches, in
+//! both directions ([`Outcome::residual`]). After refinement, neither distinguishes a horse's head from its tail; the
+//! start's cost of one-to-one transport of area does.
 //!
-//! The map that is taken is fitted again by the matches of more sample points ([`refit`]).
+//! The chosen map is refitted with the matches of more sample points ([`refit`]).
 //!
-//! Cost: constant. A step is a matrix product of k × both [`SAMPLES`], a tenth of a second at k = 100; of the last
-//! three, of more sample points, a third of a second and 20 MB.
+//! Cost: constant. A step is a matrix product of k × both [`SAMPLES`], a tenth of a second at k = 100; each of the last
+//! three, with more sample points, takes a third of a second and 20 MB.
 
 use super::align::{Alignment, RIVAL, TELLING, procrustes, sample};
 use super::functional::{Points, Targets, ToA, fit};
@@ -29,39 +30,39 @@ use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// Sample points of A and of B.
+/// Number of sample points of A and of B.
 pub const SAMPLES: [usize; 2] = [1500, 2500];
-/// Functions of the first step, tried one after the other.
+/// Numbers of functions of the first step, tried one after the other.
 pub const FIRST: [usize; 4] = [5, 9, 20, 40];
-/// A step adds one function, and one more for every [`GROWTH`] that there are.
+/// A step adds one function, plus one for every [`GROWTH`] in use.
 const GROWTH: usize = 16;
 /// Up to [`HALFWAY`] functions, all starts are refined on every [`THINNED`]-th sample point.
 const THINNED: usize = 2;
-/// Functions of the first judgement.
+/// Number of functions at the first ranking.
 const HALFWAY: usize = 40;
-/// Outcomes of the first judgement that are refined on all sample points in all functions.
+/// Number of results of the first ranking that are refined on all sample points with all functions.
 const FINISHED: usize = 5;
-/// Sample points of A and of B by whose matches the map that is taken is fitted again, and how often.
+/// Numbers of sample points of A and of B with which the chosen map is refitted, and how often.
 const MORE: ([usize; 2], usize) = ([3000, 1 << 14], 3);
 
-/// Times that a given pair of landmarks counts.
+/// Weight of a given pair of landmarks.
 const WEIGHT: usize = 20;
-/// Given landmarks whose distances tell where a vertex is.
+/// Number of given landmarks whose distances locate a vertex.
 const SITUATING: usize = 4;
-/// Functions by which the sample point nearest to a vertex is found.
+/// Number of functions for finding the sample point nearest to a vertex.
 const FEW: usize = 40;
-/// Points by which two maps are compared.
+/// Number of points by which two maps are compared.
 const COMPARED: usize = 200;
-/// Mean distance between the images of two maps, over √area, from which they are different.
+/// Mean distance between the images of two maps, over √area, above which they are different.
 const APART: f64 = 0.1;
-/// The same up to which they are one.
+/// Mean distance up to which they are the same.
 const SAME: f64 = 0.005;
 
-/// Whether and in which functions matches are refined.
+/// Whether matches are refined, and with which functions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Refine {
-    /// Not at all: the paper's way.
+    /// No refinement: the paper's method.
     None,
     /// In smooth functions by Nyström's extension from a local sample ([`LocalBasis`]).
     #[default]
@@ -70,14 +71,14 @@ pub enum Refine {
     Laplacian,
 }
 
-/// A mesh, as refinement sees it.
+/// A mesh, as used by refinement.
 #[derive(Clone, Copy, Debug)]
 pub struct Refinable<'a> {
     /// Its functions.
     pub basis: &'a LocalBasis,
-    /// Its vertices in the embedding that was aligned (n).
+    /// Its vertices in the aligned embedding (n).
     pub points: &'a [Point],
-    /// How it lies there; without it orientation is not judged.
+    /// Its orientation tensor there; without it orientation is not tested.
     pub tensor: Option<&'a Tensor>,
     /// Areas of vertices (n).
     pub nodes: &'a [Node],
@@ -87,18 +88,18 @@ pub struct Refinable<'a> {
     pub unit: f64,
 }
 
-/// What is known of the map beforehand.
+/// Prior knowledge of the map.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Known<'a> {
-    /// Pairs of landmarks, vertices of A and B.
+    /// Pairs of corresponding vertices of A and B.
     pub pairs: &'a [(u32, u32)],
     /// Distances from these, on A and on B.
     pub rows: Option<[&'a DistanceRows; 2]>,
-    /// A map to begin with too: for each vertex of A one of B.
+    /// An additional initial map: for each vertex of A one of B.
     pub map: Option<&'a [Option<u32>]>,
 }
 
-/// What a refinement begins with.
+/// The start of a refinement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Start {
@@ -113,17 +114,17 @@ pub enum Start {
 /// A refined map.
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
-    /// What it began with.
+    /// Its start.
     pub start: Start,
-    /// Functions of the first step.
+    /// Number of functions of the first step.
     pub first: usize,
-    /// Mean difference between distances from landmark to landmark on either mesh, over √area.
+    /// Mean difference between distances of landmarks on either mesh, over √area.
     pub distortion: f64,
-    /// Mean square between functions at points and at their matches, both ways, per function.
+    /// Mean squared difference between functions at points and at their matches, in both directions, per function.
     pub residual: f64,
-    /// Share of B's sample that is some point's match.
+    /// Share of B's sample points that are the match of some point.
     pub covered: f64,
-    /// [`Alignment::transport`] of the start; of others than alignments that of the best.
+    /// [`Alignment::transport`] of the start; for other starts than alignments, that of the best.
     pub transport: f64,
     /// Mean distance from the images of given landmarks to their pairs, over √area.
     pub landmarks: Option<f64>,
@@ -132,24 +133,24 @@ pub struct Outcome {
     /// The map C (k × k): Φ_B ≈ C Φ_A.
     #[serde(skip)]
     pub map: DMatrix<f64>,
-    /// The matches of A's sample, vertices of the mesh that stood for B.
+    /// The matches of A's sample: vertices of the mesh used for B.
     #[serde(skip)]
     pub(super) sample: Vec<u32>,
 }
 
 impl Outcome {
-    /// What outcomes are ranked by, the least first.
+    /// The ranking criterion of results, least first.
     pub fn rank(&self) -> f64 {
-        // Landmarks given by hand are exact to about a hundredth.
+        // Given landmarks are accurate to about a hundredth.
         self.distortion * self.residual * self.transport * (0.02 + self.landmarks.unwrap_or(0.))
     }
 }
 
-/// Where a refinement begins.
+/// The start of a refinement.
 #[derive(Clone, Copy)]
 struct Origin {
     start: Start,
-    /// Functions of the first step.
+    /// Number of functions of the first step.
     first: usize,
     /// As [`Outcome::transport`].
     transport: f64,
@@ -160,7 +161,7 @@ struct Samples {
     chosen: [Vec<u32>; 2],
     functions: [Points; 2],
     landmarks: [Points; 2],
-    /// The number of given pairs, which come last.
+    /// Number of given pairs, which come last.
     fixed: usize,
 }
 
@@ -181,7 +182,7 @@ impl Samples {
         Self { chosen, functions, landmarks, fixed: pairs.len() }
     }
 
-    /// Every `step`-th of them, and all given pairs.
+    /// Every `step`-th sample point, and all given pairs.
     fn thinned(&self, step: usize) -> Self {
         let kept = |n: usize| (0..n - self.fixed).step_by(step).chain(n - self.fixed..n);
         let thin = |points: &Points| {
@@ -196,20 +197,20 @@ impl Samples {
         }
     }
 
-    /// Sets the matches of given pairs.
+    /// Overrides the matches of given pairs.
     fn fix(&self, found: &mut [u32]) {
         let (n_a, n_b) = (found.len(), self.functions[1].len());
         (0..self.fixed).for_each(|p| found[n_a - self.fixed + p] = (n_b - self.fixed + p) as u32);
     }
 
-    /// The pairs that a map is fitted to: given ones count [`WEIGHT`] times.
+    /// The pairs for fitting a map: given ones count [`WEIGHT`] times.
     fn pairs(&self, found: &[u32]) -> Vec<(u32, u32)> {
         let all = found.iter().enumerate().map(|(i, &j)| (i as u32, j));
         let given = all.clone().skip(found.len() - self.fixed);
         all.chain((1..WEIGHT).flat_map(|_| given.clone())).collect()
     }
 
-    /// The matches of A's sample among B's by the map `c`.
+    /// The matches of A's sample among B's under the map `c`.
     fn matched(&self, c: &DMatrix<f64>) -> Vec<u32> {
         let [a, b] = &self.functions;
         let carried = ToA::new(c).carry_all(b);
@@ -220,7 +221,7 @@ impl Samples {
         found
     }
 
-    /// The same by the nearest of `of_b` to each of `of_a`, points for either sample.
+    /// The same with the nearest of `of_b` to each of `of_a`, for arbitrary coordinates of the samples.
     fn nearest(&self, of_a: &[Vec<f32>], of_b: &[Vec<f32>]) -> Vec<u32> {
         let dimensions = of_b.first().map_or(0, Vec::len);
         let targets = Targets::new(of_b.iter().map(Vec::as_slice), dimensions);
@@ -230,7 +231,7 @@ impl Samples {
         found
     }
 
-    /// From the matches `found` (of A's sample among B's) upwards from `first` to `last` functions.
+    /// Refines the matches `found` (of A's sample among B's) from `first` to `last` functions.
     fn refine(&self, mut found: Vec<u32>, first: usize, last: usize) -> DMatrix<f64> {
         let [a, b] = &self.functions;
         let most = last.min(a.dimensions);
@@ -245,13 +246,13 @@ impl Samples {
         }
     }
 
-    /// The matches by a given `map`: of each point of A's sample, B's sample point nearest to its
-    /// image in a few functions.
+    /// The matches under a given `map`: for each point of A's sample, B's sample point nearest to its image in a few
+    /// functions.
     fn by_map(&self, sides: [Refinable<'_>; 2], map: &[Option<u32>]) -> Vec<u32> {
         let [in_a, in_b] = &self.chosen;
         let k = FEW.min(sides[1].basis.count);
         let at = |v: u32| sides[1].basis.at(v as usize)[..k].to_vec();
-        // What the map leaves open takes the image of the point before it.
+        // A vertex without an image takes that of the previous point.
         let mut last = map.iter().flatten().next().copied().unwrap_or(0);
         let images = in_a.iter().map(|&v| {
             last = map.get(v as usize).copied().flatten().unwrap_or(last);
@@ -260,7 +261,7 @@ impl Samples {
         self.nearest(&images.collect::<Vec<_>>(), &in_b.iter().map(|&v| at(v)).collect::<Vec<_>>())
     }
 
-    /// Judges the map `c`.
+    /// Evaluates the map `c`.
     fn judge(&self, sides: [Refinable<'_>; 2], known: Known<'_>, c: DMatrix<f64>, origin: Origin) -> Outcome {
         let [a, b] = &self.functions;
         let k = c.nrows();
@@ -283,7 +284,7 @@ impl Samples {
         let mut hit = vec![false; b.len()];
         there.iter().for_each(|&j| hit[j as usize] = true);
         let covered = hit.iter().filter(|&&hit| hit).count() as f64 / b.len().max(1) as f64;
-        // Where landmarks of either mesh come to lie on the other.
+        // The images of landmarks of either mesh on the other.
         let [of_a, of_b] = &self.landmarks;
         let to_b = nearest(&in_b, of_a);
         let to_a = nearest(&in_a, &to_a.carry_all(of_b));
@@ -315,7 +316,7 @@ impl Samples {
     }
 }
 
-/// Refines each of `alignments`, and what is `known`, and judges the outcomes: the best first.
+/// Refines each of `alignments`, and what is `known`, and ranks the results: best first.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -378,7 +379,7 @@ pub fn refine(
     Ok(oriented(all))
 }
 
-/// The map `c` fitted again by the matches of more sample points; `pairs` are given landmarks.
+/// Refits the map `c` with the matches of more sample points; `pairs` are given landmarks.
 pub fn refit(sides: [Refinable<'_>; 2], c: &DMatrix<f64>, pairs: &[(u32, u32)], run: &Run) -> DMatrix<f64> {
     let (counts, times) = MORE;
     let samples = Samples::new(sides, pairs, counts, run);
@@ -386,8 +387,8 @@ pub fn refit(sides: [Refinable<'_>; 2], c: &DMatrix<f64>, pairs: &[(u32, u32)], 
     (0..times).fold(c.clone(), |c, _| fit(a, b, &samples.pairs(&samples.matched(&c)), c.nrows()))
 }
 
-/// Without those that refinement has turned into mirror images, if one can tell: a pose may fit its
-/// own mirror image better.
+/// Drops results that refinement has turned into mirror images, if that can be decided: a pose may fit its own mirror
+/// image better.
 fn oriented(mut all: Vec<Outcome>) -> Vec<Outcome> {
     let best = all.iter().filter_map(|one| one.orientation).fold(f64::NEG_INFINITY, f64::max);
     if best >= TELLING {
@@ -396,9 +397,9 @@ fn oriented(mut all: Vec<Outcome>) -> Vec<Outcome> {
     all
 }
 
-/// How far two maps of the same sample are apart, in the mean over √area of `b`, by its landmarks.
+/// Mean distance between two maps of the same sample, over √area of `b`, estimated by its landmarks.
 fn apart(one: &Outcome, other: &Outcome, b: Refinable<'_>) -> f64 {
-    // No more than the distance, and with dozens of landmarks nearly that.
+    // A lower bound on the distance, and with dozens of landmarks nearly equal to it.
     let apart = |v: u32, w: u32| -> f64 {
         let difference = |row: &[f32]| f64::from((row[v as usize] - row[w as usize]).abs());
         (0..b.rows.len()).map(|j| difference(b.rows.row(j))).fold(0., f64::max)
@@ -408,7 +409,7 @@ fn apart(one: &Outcome, other: &Outcome, b: Refinable<'_>) -> f64 {
     b.unit * pairs().map(|(&v, &w)| apart(v, w)).sum::<f64>() / pairs().count().max(1) as f64
 }
 
-/// The first [`FINISHED`] of `sorted` that are not the same map twice.
+/// The first [`FINISHED`] of `sorted`, without repeating a map.
 fn different(sorted: Vec<Outcome>, b: Refinable<'_>) -> Vec<Outcome> {
     let mut kept: Vec<Outcome> = Vec::new();
     for one in sorted {
@@ -419,8 +420,8 @@ fn different(sorted: Vec<Outcome>, b: Refinable<'_>) -> Vec<Outcome> {
     kept
 }
 
-/// The best of `outcomes` (sorted), and those of the others that take A elsewhere but distort hardly more; `b` tells
-/// how far apart two vertices of B are, by its landmarks.
+/// The best of `outcomes` (sorted), and those of the others that map A differently but are hardly more distorted;
+/// distances on `b` are estimated by its landmarks.
 pub fn rivals(outcomes: &[Outcome], b: Refinable<'_>) -> Vec<Outcome> {
     let Some(best) = outcomes.first() else { return Vec::new() };
     let mut found: Vec<Outcome> = Vec::new();

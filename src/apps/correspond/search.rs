@@ -1,8 +1,9 @@
 //! The vertex whose embedding is nearest to a point: a k-d tree over the mesh, or over a sample of a large one.
 //!
-//! Up to [`EXACT`] vertices are all in the tree. Of a larger mesh every s-th is, and from the nearest of these a search
-//! over the vertex graph looks around the nearest vertices known until that gains nothing: bounded memory at any size,
-//! and the same answer whatever the budget. Memory: 12 + 4 k bytes per vertex in the tree; 1 to 3 µs per query.
+//! Up to [`EXACT`] vertices are all in the tree. For a larger mesh every s-th is, and a search over the vertex graph
+//! starts from the nearest of these and expands the nearest known vertices until that gains nothing: bounded memory at
+//! any size, and the same result whatever the budget. Memory: 12 + 4 k bytes per vertex in the tree; 1 to 3 µs per
+//! query.
 
 use crate::base::Result;
 use crate::graph::Csr;
@@ -14,17 +15,17 @@ use kiddo::immutable::float::kdtree::ImmutableKdTree;
 use std::cmp::Ordering;
 use std::num::NonZero;
 
-/// Vertices of a mesh that are all in the tree.
+/// Maximum number of vertices of a mesh that are all in the tree.
 pub const EXACT: usize = 1 << 21;
 
-/// Vertices looked around in vain before a search ends.
+/// Number of unsuccessful expansions after which a search ends.
 const PATIENCE: usize = 24;
 
-/// Neighbours of a vertex that are looked at, at the most. Vertices of meshes have six, give or take some; at the tip
-/// of a fan of a million faces a search would never end.
+/// Maximum number of neighbours examined per vertex. Vertices of meshes have about six; at the tip of a fan of a
+/// million faces a search would never end.
 const MOST_AROUND: usize = 64;
 
-/// A vertex found, and the squared distance in the embedding.
+/// A vertex found, and its squared distance in the embedding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Neighbour {
     /// The vertex.
@@ -34,15 +35,15 @@ pub struct Neighbour {
 }
 
 impl Neighbour {
-    /// The nearest first, of those equally near the least vertex.
+    /// Nearest first; at equal distances the smallest vertex.
     #[inline]
     fn order(&self, other: &Self) -> Ordering {
         self.square.total_cmp(&other.square).then(self.vertex.cmp(&other.vertex))
     }
 }
 
-/// Looks around the nearest vertices known, from `start` on, until `patience` of them have shown none that would be
-/// among the nearest `count`, which it returns. `around` lists the neighbours of a vertex, `square` measures one.
+/// Expands the nearest known vertices, starting at `start`, until `patience` of them have added none to the nearest
+/// `count`, which it returns. `around` lists the neighbours of a vertex, `square` gives its squared distance.
 #[inline(always)]
 pub(super) fn walk<'g>(
     start: Neighbour,
@@ -72,7 +73,7 @@ pub(super) fn walk<'g>(
     known.into_iter().map(|(found, _)| found).collect()
 }
 
-/// A tree of one number of dimensions.
+/// A tree with a fixed number of dimensions.
 trait Search: Send + Sync {
     fn nearest(&self, point: &Point) -> Neighbour;
     fn several(&self, point: &Point, count: usize) -> Vec<Neighbour>;
@@ -121,7 +122,7 @@ pub(super) fn square(a: &Point, b: &Point) -> f32 {
 }
 
 impl<'a> EmbeddingSearch<'a> {
-    /// Makes the tree over `points` (n, of which the first `dimensions` coordinates count), vertices of `graph`.
+    /// Builds the tree over `points` (n, of which the first `dimensions` coordinates are used), vertices of `graph`.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`].
@@ -156,7 +157,7 @@ impl<'a> EmbeddingSearch<'a> {
         Ok(Self { points, graph, step, tree, _grant: grant })
     }
 
-    /// The nearest vertex; of vertices at the same place any, but always the same.
+    /// The nearest vertex; of several at the same position, always the same.
     pub fn nearest(&self, point: &Point) -> Neighbour {
         if self.step == 1 {
             return self.tree.nearest(point);
@@ -164,12 +165,12 @@ impl<'a> EmbeddingSearch<'a> {
         self.explored(point, 1)[0]
     }
 
-    /// Up to `count` of the nearest, in ascending order.
+    /// Up to `count` of the nearest, in ascending order of distance.
     pub fn several(&self, point: &Point, count: usize) -> Vec<Neighbour> {
         if self.step == 1 { self.tree.several(point, count) } else { self.explored(point, count) }
     }
 
-    /// The nearest `count` around the nearest of the tree.
+    /// The nearest `count`, by walking from the nearest in the tree.
     fn explored(&self, point: &Point, count: usize) -> Vec<Neighbour> {
         let mut start = self.tree.nearest(point);
         start.vertex *= self.step as u32;

@@ -1,7 +1,7 @@
-//! Both meshes side by side, matched vertices in the same colours.
+//! Draws both meshes side by side, with matched vertices in the same colours.
 //!
-//! The renderer draws faces in colours of labels, so a face gets the label of its corners' mean colour in a cube of
-//! [`LEVELS`]³: 4 bytes per face on disk.
+//! The renderer draws faces in colours of labels, so a face gets as label the mean colour of its corners, quantised to
+//! a cube of [`LEVELS`]³: 4 bytes per face on disk.
 
 use super::carry::Colours;
 use super::matches::Match;
@@ -10,10 +10,10 @@ use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::Context;
 
-/// Steps of a channel.
+/// Levels per channel.
 const LEVELS: u32 = 24;
 
-/// Draws A and B, each in half of a sheet of the size of `params`.
+/// Draws A and B, each in half of a sheet of the size in `params`.
 ///
 /// # Errors
 /// As [`render`].
@@ -51,7 +51,7 @@ fn draw(
     render(mesh, Some(&labels.data()[..]), &palette, params, context.run)
 }
 
-/// The levels of the mean of `colours`, of which a face may have millions.
+/// The quantised mean of `colours`, of which a face may have millions.
 fn mean_levels(colours: impl ExactSizeIterator<Item = [u8; 3]>) -> [u32; 3] {
     let (mut sum, whole) = ([0u64; 3], 256 * colours.len().max(1) as u64);
     for colour in colours {

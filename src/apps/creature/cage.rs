@@ -1,9 +1,9 @@
-//! The coarse quadrilaterals that the creature's skin is made of, and how they join.
+//! The coarse quadrilaterals that make up the creature's skin, and how they join.
 //!
-//! The creature is first a heap of unit cubes, each of one part (a *polycube*); its outer squares
-//! are the patches of the skin. That settles topology at once: the skin is closed, every edge
-//! joins two patches, and a part's border is a ring of edges. Real shape comes later
-//! ([`super::relief`]). Cost: negligible, for some 200 patches.
+//! The creature starts as a heap of unit cubes, each belonging to one part (a *polycube*); its outer squares are the
+//! patches of the skin. This settles the topology at once: the skin is closed, every edge joins two patches, and a
+//! part's border is a ring of edges. The real shape comes later ([`super::relief`]). Cost: negligible, for some 200
+//! patches.
 
 use super::shape::Vec3;
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 /// A corner of the cubes' lattice.
 type Site = [i32; 3];
 
-/// A side or corner of a patch: its patch, and which of its four.
+/// A side or corner of a patch: the patch, and which of its four.
 pub(super) type PatchSide = (usize, usize);
 
 /// A patch. Corners run counter-clockwise seen from outside; side `s` goes from corner `s` to
@@ -20,16 +20,16 @@ pub(super) type PatchSide = (usize, usize);
 pub(super) struct Patch {
     /// Its part.
     pub part: usize,
-    /// The same side of the patch opposite to it, per side; it runs the other way there.
+    /// For each side, the same side seen from the patch across it; it runs in the opposite direction there.
     pub across: [PatchSide; 4],
-    /// The corner's first appearance in patch order, per corner.
+    /// For each corner, its first appearance in patch order.
     pub first: [PatchSide; 4],
-    /// Rough places of the corners in space.
+    /// Approximate positions of the corners in space.
     pub rough: [Vec3; 4],
 }
 
-/// A box of cubes of one part, and where it lies in space: `centre` is its middle, `axes` the
-/// images of the lattice's unit vectors.
+/// A box of cubes of one part, and its position in space: `centre` is its middle, `axes` the images of the lattice's
+/// unit vectors.
 struct Block {
     part: usize,
     low: Site,
@@ -45,7 +45,7 @@ impl Block {
     }
 }
 
-/// The blocks of the quadruped, roughly where [`super::shape::Shape::quadruped`] has its parts.
+/// The blocks of the quadruped, roughly at the positions of its parts in [`super::shape::Shape::quadruped`].
 fn blocks() -> Vec<Block> {
     let block = |part, low, high, centre: [f64; 3], axes: [[f64; 3]; 3]| Block {
         part,
@@ -82,8 +82,8 @@ fn blocks() -> Vec<Block> {
     ]
 }
 
-/// The four corners of the square between the cube at `cube` and its neighbour along `axis`,
-/// counter-clockwise seen from that neighbour.
+/// The four corners of the square between the cube at `cube` and its neighbour along `axis`, counter-clockwise seen
+/// from that neighbour.
 fn square(cube: Site, axis: usize, forward: bool) -> [Site; 4] {
     let turn = if forward { [(0, 0), (1, 0), (1, 1), (0, 1)] } else { [(0, 0), (0, 1), (1, 1), (1, 0)] };
     turn.map(|(b, c)| {
@@ -111,7 +111,7 @@ pub(super) fn patches() -> Vec<Patch> {
         }
     }
     let mut skin: Vec<(usize, [Site; 4])> = Vec::new();
-    // Where the blocks around a site would have it, one place for each block.
+    // The position of a site according to each block around it.
     let mut rough: BTreeMap<Site, Vec<(usize, Vec3)>> = BTreeMap::new();
     for cube in order {
         for side in 0..6 {
@@ -142,7 +142,7 @@ pub(super) fn patches() -> Vec<Patch> {
     )
 }
 
-/// Finds who is across each side and who has each corner first.
+/// Finds what is across each side and which patch has each corner first.
 fn join_up(skin: &[(usize, [Site; 4])], part: impl Fn(usize) -> usize, rough: impl Fn(Site) -> Vec3) -> Vec<Patch> {
     let mut sides: BTreeMap<(Site, Site), PatchSide> = BTreeMap::new();
     let mut first: BTreeMap<Site, PatchSide> = BTreeMap::new();

@@ -1,14 +1,14 @@
-//! A four-legged creature of any size with exactly known parts: the mesh to try everything on.
+//! A four-legged creature of any size with exactly known parts: a mesh for trying everything.
 //!
-//! Real scans of a billion faces with people's segmentations do not exist, so this makes one: a closed, smooth,
-//! single-piece surface whose body, neck, head, ears, legs and tail meet in concave valleys, the border of parts lying
-//! exactly in the valleys. Any face, vertex or label follows from its number alone, so that a mesh of any size streams
-//! to disk in bounded memory, in parallel, in scan order (neighbours have nearby numbers) or in random order.
+//! Real scans of a billion faces with human segmentations do not exist, so this generates one: a closed, smooth,
+//! single-piece surface whose body, neck, head, ears, legs and tail meet in concave valleys, with the borders of parts
+//! exactly in the valleys. Any face, vertex or label is computed from its number alone, so that a mesh of any size
+//! streams to disk in bounded memory, in parallel, in scan order (neighbours have nearby numbers) or in random order.
 //!
-//! Cubes give the topology (`cage`), an implicit surface the form (`shape`), a small relaxed grid the points
-//! (`relief`), closed forms the numbers (`numbering`). Records of the file have a fixed size, so threads take chunks of
-//! them and write each at its place. Cost: 0.1 s once; some 5 million faces per second and core, 19 bytes per face on
-//! disk, half a megabyte of memory per thread.
+//! Cubes give the topology (`cage`), an implicit surface the shape (`shape`), a small relaxed grid the points
+//! (`relief`), closed formulas the numbers (`numbering`). Records of the file have a fixed size, so threads take chunks
+//! of them and write each at its position. Cost: 0.1 s once; some 5 million faces per second and core, 19 bytes per
+//! face on disk, half a megabyte of memory per thread.
 
 mod cage;
 mod numbering;
@@ -27,29 +27,29 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-/// What creature to make.
+/// Which creature to make.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Faces wanted at least; the next possible number is made, from 3528 on, more by a share of at
-    /// most some 40 / √faces.
+    /// Minimum number of faces; the next possible number is made, from 3528 on, which is greater by a share of at most
+    /// some 40 / √faces.
     pub faces: u64,
-    /// Largest displacement of a vertex along its normal, as a share of the mean edge length.
+    /// Maximum displacement of a vertex along its normal, as a share of the mean edge length.
     pub noise: f64,
-    /// Round holes to cut, each a third of a patch of the skin (0.15 % of the area).
+    /// Number of round holes, each a third of a patch of the skin (0.15 % of the area).
     pub holes: usize,
     /// Whether faces and vertices come in random order instead of scan order.
     pub shuffle: bool,
-    /// Whether the faces of a patch of the skin without a hole come in tiles instead of rows: near each other in the
-    /// file as a mesh that was sorted along a curve, so that it need not be sorted.
+    /// Whether the faces of a patch of the skin without a hole are ordered in tiles instead of rows: then the file is
+    /// as local as a mesh sorted along a curve, so that it need not be sorted.
     pub tiles: bool,
-    /// Seed of noise, holes and order. The form does not depend on it.
+    /// Seed of noise, holes and order. The shape does not depend on it.
     pub seed: u64,
 }
 
-/// A number of faces as people write it: 1300000 or 1.3e6.
+/// Parses a number of faces as people write it: 1300000 or 1.3e6.
 ///
 /// # Errors
-/// What is wrong with it, in words.
+/// A description of what is wrong with it.
 pub fn parse_faces(text: &str) -> std::result::Result<u64, String> {
     if let Ok(whole) = text.parse::<u64>() {
         return Ok(whole);
@@ -76,15 +76,15 @@ pub struct Creature {
     /// Amplitude of the noise, in units of length, and its key.
     noise: f64,
     noise_key: u64,
-    /// From places in the file to faces and to vertices, where shuffled.
+    /// From positions in the file to faces and to vertices, if shuffled.
     order: Option<(Permutation, Permutation)>,
 }
 
-/// The largest number of faces or vertices: indices and node numbers are 32 bits, one is kept.
+/// The maximum number of faces or vertices: indices and node numbers have 32 bits, one value is reserved.
 const MOST: u64 = u32::MAX as u64 - 1;
 
 impl Creature {
-    /// Prepares a creature; nothing of its size is allocated.
+    /// Prepares a creature; allocates nothing proportional to its size.
     ///
     /// ```
     /// use nystrom_stream::apps::creature::{Creature, Options};
@@ -95,8 +95,8 @@ impl Creature {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Parameter`] when faces or vertices would not fit into 32-bit numbers, there are
-    /// more holes than patches, or the noise is not a number from 0 to 1.
+    /// [`Error::Parameter`] if faces or vertices would not fit into 32-bit numbers, if there are more holes than
+    /// patches, or if the noise is not a number from 0 to 1.
     pub fn new(options: &Options) -> Result<Self> {
         if !(0.0..=1.0).contains(&options.noise) {
             let problem = format!("{} is not between 0 and 1", options.noise);
@@ -137,12 +137,12 @@ impl Creature {
         self.faces.count()
     }
 
-    /// Number of vertices; those inside a hole belong to no face.
+    /// Number of vertices; those inside a hole are not used by any face.
     pub fn vertex_count(&self) -> u64 {
         self.numbering.count()
     }
 
-    /// Names of the parts; labels are places in this list.
+    /// Names of the parts; labels are indices into this list.
     pub fn part_names() -> &'static [&'static str] {
         &shape::NAMES
     }
@@ -150,7 +150,7 @@ impl Creature {
     /// The part of face `face` of the file, an index into [`Creature::part_names`].
     ///
     /// # Panics
-    /// May, as the other functions of a number, where `face` is not below [`Creature::face_count`].
+    /// May panic, like the other functions of a number, if `face` is not below [`Creature::face_count`].
     pub fn truth(&self, face: u64) -> u32 {
         let face = self.order.as_ref().map_or(face, |(faces, _)| faces.forward(face));
         self.relief.patches[self.faces.patch(face).0].part as u32
@@ -197,14 +197,13 @@ const FACE: usize = 13;
 const STAGE: &str = "generate";
 
 impl Creature {
-    /// Writes the mesh to `path`: binary little-endian PLY with float x, y, z and a list of three
-    /// indices per face (`int`, or `uint` beyond 2^31 vertices), 19 bytes per face in all. Uses
-    /// `run.threads`, a chunk of under half a megabyte each out of `run.budget`; the bytes do not depend on
-    /// either. Progress counts faces and vertices.
+    /// Writes the mesh to `path`: binary little-endian PLY with float x, y, z and a list of three indices per face
+    /// (`int`, or `uint` beyond 2^31 vertices), 19 bytes per face in all. Uses `run.threads`, each with a chunk of less
+    /// than half a megabyte from `run.budget`; the bytes do not depend on either. Progress counts faces and vertices.
     ///
     /// # Errors
-    /// [`Error::Io`] (a full disk shows before the work), [`Error::Memory`],
-    /// [`Error::Cancelled`]; nothing is left behind then.
+    /// [`Error::Io`] (a full disk is detected before the work starts), [`Error::Memory`], [`Error::Cancelled`]; nothing
+    /// is left behind then.
     pub fn write_ply(&self, path: &Path, run: &Run) -> Result<()> {
         let (header, total) = (self.header(), self.vertex_count() + self.face_count());
         let bytes = header.len() + self.vertex_count() as usize * VERTEX + self.face_count() as usize * FACE;
@@ -259,7 +258,7 @@ impl Creature {
         })
     }
 
-    /// Hands all labels to `take` in order, a chunk at a time.
+    /// Passes all labels to `take` in order, chunk by chunk.
     fn each_truth(&self, run: &Run, mut take: impl FnMut(&[u32]) -> Result<()>) -> Result<()> {
         let faces = self.face_count() as usize;
         let mut labels = Vec::with_capacity(CHUNK);
@@ -273,7 +272,7 @@ impl Creature {
     }
 }
 
-/// A file that several threads write to, each at its own places.
+/// A file to which several threads write, each at its own positions.
 struct Output<'a> {
     path: &'a Path,
     file: &'a File,
@@ -281,7 +280,7 @@ struct Output<'a> {
 }
 
 impl Output<'_> {
-    /// Writes records `0..count`, as `record(number, buffer)` appends them, from byte `start` on.
+    /// Writes records `0..count`, as appended by `record(number, buffer)`, from byte `start` on.
     fn records(&self, start: usize, count: usize, record: impl Fn(u64, &mut Vec<u8>) + Sync) -> Result<()> {
         let work = |k: usize, buffer: &mut Vec<u8>| {
             let range = parallel::chunk_range(count, CHUNK, k);

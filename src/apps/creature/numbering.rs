@@ -1,10 +1,10 @@
-//! Which vertex and which face has which number, in closed form both ways: patches of `m` by `m` squares, holes left
-//! out, in scan order or in a random one.
+//! The numbering of vertices and faces, in closed form both ways: patches of `m` by `m` squares, without holes, in scan
+//! order or in random order.
 //!
 //! Vertices are numbered patch by patch and row by row; one on a common side or corner belongs to the first patch that
 //! has it, so every vertex has one number and no table of the mesh's size is needed. Nearby numbers are nearby
-//! vertices, but for the patches' boundaries. Memory: a few words per patch, 8 bytes per row of a patch with a hole;
-//! time: a binary search over patches, or less, and 10–20 ns per item in random order.
+//! vertices, except across patch boundaries. Memory: a few words per patch, 8 bytes per row of a patch with a hole;
+//! time: at most a binary search over patches, and 10–20 ns per item in random order.
 
 use super::cage::Patch;
 use crate::base::random::{Random, mix};
@@ -23,7 +23,7 @@ pub(super) struct Numbering {
     boundaries: Vec<PatchBoundary>,
 }
 
-/// What a patch needs to know of its boundary.
+/// The boundary data of a patch.
 #[derive(Clone, Debug)]
 struct PatchBoundary {
     owns_side: [bool; 4],
@@ -42,7 +42,7 @@ fn along(m: u64, s: usize, t: u64) -> (u64, u64) {
     [(0, t), (t, m), (m, m - t), (m - t, 0)][s]
 }
 
-/// Which boundary a grid point lies on.
+/// The kind of boundary on which a grid point lies.
 enum Spot {
     Inside,
     Side(usize, u64),
@@ -160,7 +160,7 @@ impl Numbering {
             }
     }
 
-    /// The grid point of a number below [`Numbering::count`], in the patch it belongs to.
+    /// The grid point of a number below [`Numbering::count`], in the patch that owns it.
     #[inline]
     pub fn point(&self, number: u64) -> Point {
         let patch = self.starts.partition_point(|&start| start <= number) - 1;
@@ -179,23 +179,23 @@ impl Numbering {
     }
 }
 
-// Faces left out: a disc in the middle of some patches, so that the mesh has open borders.
+// Removed faces: a disc in the middle of some patches, so that the mesh has open borders.
 //
-// All discs have the same place in their patch, so one table of a patch's rows serves to find the
-// k-th face that is left. Memory: 8 bytes per row of a patch, O(√faces).
+// All discs have the same position in their patch, so one table of a patch's rows suffices to find the k-th remaining
+// face. Memory: 8 bytes per row of a patch, O(√faces).
 
-/// Share of a patch's side that a hole's radius takes.
+/// Radius of a hole, relative to a patch's side.
 const RADIUS: f64 = 0.3;
 
-/// Which faces there are, as squares of patches.
+/// The existing faces, as squares of patches.
 #[derive(Clone, Debug)]
 pub(super) struct Holes {
     m: u64,
-    /// Whether whole patches are numbered tile by tile, and not row by row.
+    /// Whether whole patches are numbered tile by tile rather than row by row.
     tiles: bool,
     /// Faces before each patch, and in total.
     starts: Vec<u64>,
-    /// Faces left before each row of a patch with a hole, and in total. Empty without holes.
+    /// Remaining faces before each row of a patch with a hole, and in total. Empty without holes.
     rows: Vec<u64>,
 }
 
@@ -215,11 +215,11 @@ fn gap(m: u64, row: u64) -> (u64, u64) {
     (first, m - first.min(m / 2))
 }
 
-/// Squares along the side of a tile: a tile has some eight thousand faces, as many as fit on a few pages of an array.
+/// Squares along the side of a tile: a tile has some eight thousand faces, which fit on a few pages of an array.
 const TILE: u64 = 64;
 
-/// Row and column of square number `square` of `m` by `m`, which are numbered tile by tile of `side` by `side` squares,
-/// row by row in each and from tile to tile; the last ones are cut short.
+/// Row and column of square number `square` of `m` by `m`, numbered tile by tile of `side` by `side` squares, row by
+/// row within a tile; the last tiles are truncated.
 #[inline]
 fn in_tiles(m: u64, side: u64, square: u64) -> (u64, u64) {
     let (band, rest) = (square / (side * m), square % (side * m));
@@ -230,7 +230,7 @@ fn in_tiles(m: u64, side: u64, square: u64) -> (u64, u64) {
 }
 
 impl Holes {
-    /// `count` holes in `patches` patches of `m` by `m` squares, chosen under `seed`; patches without one in `tiles`.
+    /// `count` holes in `patches` patches of `m` by `m` squares, chosen by `seed`; patches without one in `tiles`.
     ///
     /// # Errors
     /// [`Error::Parameter`] when there are more holes than patches.
@@ -271,14 +271,14 @@ impl Holes {
         self.starts[self.starts.len() - 1]
     }
 
-    /// The patch of face number `face`, which is below [`Holes::count`], and its number in there.
+    /// The patch of face number `face`, below [`Holes::count`], and its number within the patch.
     #[inline]
     pub fn patch(&self, face: u64) -> (usize, u64) {
         let patch = self.starts.partition_point(|&start| start <= face) - 1;
         (patch, face - self.starts[patch])
     }
 
-    /// The square and half of face number `face`, which is below [`Holes::count`].
+    /// The square and half of face number `face`, below [`Holes::count`].
     #[inline]
     pub fn square(&self, face: u64) -> Square {
         let (patch, rest) = self.patch(face);
@@ -297,10 +297,10 @@ impl Holes {
     }
 }
 
-// A random order that needs no memory: a seeded bijection of `0..n`, both ways in closed form.
+// A random order that needs no memory: a seeded bijection of `0..n`, with its inverse in closed form.
 //
-// Four Feistel rounds over the least power of two that holds `n`, walked on until the result is
-// below `n` (fewer than two walks on average). Some 10–20 ns per item.
+// Four Feistel rounds over the least power of two that holds `n`, iterated until the result is below `n` (cycle
+// walking, fewer than two iterations on average). Some 10–20 ns per item.
 
 const ROUNDS: usize = 4;
 
@@ -333,7 +333,7 @@ impl Permutation {
         halves[0] | halves[1] << self.low_bits
     }
 
-    /// Where `x` goes.
+    /// The image of `x`.
     #[inline]
     pub fn forward(&self, mut x: u64) -> u64 {
         loop {
@@ -344,7 +344,7 @@ impl Permutation {
         }
     }
 
-    /// Where `x` comes from.
+    /// The preimage of `x`.
     #[inline]
     pub fn backward(&self, mut x: u64) -> u64 {
         loop {

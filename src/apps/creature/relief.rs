@@ -1,11 +1,10 @@
-//! Where the points of every patch lie: from coarse grids relaxed once to any resolution.
+//! The positions of the points of every patch: from coarse grids, relaxed once, to any resolution.
 //!
-//! Once, on first use: the patches' corners, then ever finer grids up to [`GRID`] squares a side,
-//! are moved to the middle of their neighbours and back onto the surface, those on a border of
-//! parts back into the valley; so squares come out even and borders lie exactly in the valleys.
-//! A point of the finished mesh is then a coarse square's bilinear point, drawn onto the surface
-//! by Newton's method (along a border, first the border's own curve, faded out over the square).
-//! That is a function of its place alone: no state, any order, some 150–300 ns. About 400 kB.
+//! Once, on first use: the patches' corners, then ever finer grids up to [`GRID`] squares per side, are moved to the
+//! middle of their neighbours and back onto the surface, those on a border of parts back into the valley; so squares
+//! become even and borders lie exactly in the valleys. A point of the finished mesh is then the bilinear point of a
+//! coarse square, projected onto the surface by Newton's method (along a border, first onto the border's own curve,
+//! faded out over the square). That depends only on its position: no state, any order, some 150–300 ns. About 400 kB.
 
 use super::cage::{self, Patch};
 use super::numbering::Numbering;
@@ -16,18 +15,18 @@ use std::sync::OnceLock;
 const GRID: usize = 8;
 /// Points along a patch's side.
 const POINTS: usize = GRID + 1;
-/// Rounds of relaxation with 1, 2, 4, 8 squares a side.
+/// Rounds of relaxation with 1, 2, 4, 8 squares per side.
 const ROUNDS: [usize; 4] = [3, 20, 40, 30];
 /// How far a point moves towards the middle of its neighbours in a round.
 const STRIDE: f64 = 0.5;
 
-/// How far outward a new point of a finer grid starts, as a share of its square's diagonal: from
-/// outside, the tip of a limb is the nearest surface; from inside, its flanks are.
+/// Initial outward offset of a new point of a finer grid, as a share of its square's diagonal: from outside, the tip of
+/// a limb is the nearest surface; from inside, its flanks are.
 const LIFT: f64 = 0.5;
 
-/// By how much a point inside a part is kept nearer to it than to others, with one square a side.
+/// By how much a point inside a part is kept nearer to it than to others, with one square per side.
 const MARGIN: f64 = 0.14;
-/// How many rows next to a valley are kept away from it, each a step farther.
+/// Number of rows next to a valley that are kept away from it, each one step farther.
 const REACH: u64 = 3;
 
 /// The creature's skin at any resolution.
@@ -35,7 +34,7 @@ const REACH: u64 = 3;
 pub(super) struct Relief {
     /// The patches.
     pub patches: Vec<Patch>,
-    /// Total area, by the coarse grid.
+    /// Total area, measured on the coarse grid.
     pub area: f64,
     shape: Shape,
     sheets: Vec<Sheet>,
@@ -45,22 +44,22 @@ pub(super) struct Relief {
 #[derive(Debug)]
 struct Sheet {
     points: Vec<Vec3>,
-    /// The parts near enough to shape the patch.
+    /// The parts close enough to affect the patch.
     near: PartSet,
-    /// Its own part, and the part across each side where that is another.
+    /// Its own part, and the part across each side if that is another.
     part: usize,
     valley: [Option<usize>; 4],
     /// One bit per square: whether its second diagonal is the shorter.
     diagonals: u64,
 }
 
-/// The skin, made on first use.
+/// The skin, built on first use.
 pub(super) fn relief() -> &'static Relief {
     static RELIEF: OnceLock<Relief> = OnceLock::new();
     RELIEF.get_or_init(Relief::new)
 }
 
-/// The part across each side of a patch, where it is another.
+/// The part across each side of a patch, if it is another.
 fn valleys(patches: &[Patch], p: usize) -> [Option<usize>; 4] {
     patches[p].across.map(|(q, _)| Some(patches[q].part).filter(|&part| part != patches[p].part))
 }
@@ -76,11 +75,11 @@ fn app(patches: &[Patch]) -> Vec<PartSet> {
     sets
 }
 
-/// What holds a vertex while relaxing: its part; the part across, where it lies in a valley; and
-/// its least distance from other parts, in steps of the margin.
+/// The constraints of a vertex during relaxation: its part; the part across, if it lies in a valley; and its minimum
+/// distance from other parts, in steps of the margin.
 type Hold = (usize, Option<usize>, f64);
 
-/// Draws `points` onto the surface, and `rounds` times along it to the middle of their neighbours;
+/// Projects `points` onto the surface, and moves them `rounds` times along it to the middle of their neighbours;
 /// returns their normals.
 fn relax(shape: &Shape, patches: &[Patch], numbering: &Numbering, points: &mut [Vec3], rounds: usize) -> Vec<Vec3> {
     let m = numbering.m();
@@ -215,7 +214,7 @@ impl Relief {
         let (c, u) = split(column, m);
         let corners = sheet.corners(r, c);
         let mut x = bilinear(corners, u, v);
-        // Sides of the patch that this square lies at: how far from each, and how far along it.
+        // The sides of the patch at which this square lies: how far from each, and how far along it.
         let sides =
             [(r == 0, v, u), (c + 1 == GRID, 1.0 - u, v), (r + 1 == GRID, 1.0 - v, 1.0 - u), (c == 0, u, 1.0 - v)];
         for (s, (touches, away, along)) in sides.into_iter().enumerate() {
@@ -232,8 +231,8 @@ impl Relief {
         (x, gradient.normalize())
     }
 
-    /// Whether the square at `row`, `column` of `m` is cut along its second diagonal (from corner
-    /// 1 to corner 3), which is then the shorter.
+    /// Whether the square at `row`, `column` of `m` is split along its second diagonal (from corner 1 to corner 3),
+    /// which is then the shorter.
     #[inline]
     pub fn second_diagonal(&self, p: usize, row: u64, column: u64, m: u64) -> bool {
         let cell = |k: u64| (2 * k + 1) * GRID as u64 / (2 * m);
@@ -241,7 +240,7 @@ impl Relief {
     }
 }
 
-/// The coarse square that grid line `k` of `m` falls into, and where in it (0 to 1).
+/// The coarse square into which grid line `k` of `m` falls, and the position in it (0 to 1).
 #[inline]
 fn split(k: u64, m: u64) -> (usize, f64) {
     let at = k * GRID as u64;
@@ -257,8 +256,8 @@ impl Sheet {
     }
 }
 
-/// The parts that can make a difference anywhere on a patch: those whose distance at some grid
-/// point is within two fillets, and what it may lose between grid points.
+/// The parts that can affect any point of a patch: those whose distance at some grid point is within two fillets plus a
+/// margin for points between grid points.
 fn near(shape: &Shape, sheet: &Sheet) -> PartSet {
     const BETWEEN: f64 = 0.1;
     let mut set = 1 << sheet.part;

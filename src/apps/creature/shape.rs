@@ -1,17 +1,16 @@
-//! The creature's body as an implicit surface: round limbs about spines, softly joined.
+//! The creature's body as an implicit surface: round limbs around spines, softly joined.
 //!
-//! A *spine* is a line segment with a radius along it; a *part* is a smooth union of spines; the
-//! creature is the union of its parts with a fillet of [`FILLET`] where two of them meet. The
-//! surface is where [`Shape::whole`] is zero, negative inside. Where two parts are equally near
-//! lies the bottom of the valley between them: the border of the true segmentation.
-//! Units are arbitrary; the creature is about 3 long. Cost: some 10 ns per spine and evaluation.
+//! A *spine* is a line segment with a varying radius; a *part* is a smooth union of spines; the creature is the union
+//! of its parts with a fillet of [`FILLET`] where two of them meet. The surface is where [`Shape::whole`] is zero,
+//! negative inside. The points equally near to two parts form the bottom of the valley between them: the border of the
+//! true segmentation. Units are arbitrary; the creature is about 3 long. Cost: some 10 ns per spine and evaluation.
 
 use nalgebra::Vector3;
 
 /// A point or a vector.
 pub(super) type Vec3 = Vector3<f64>;
 
-/// Names of the parts; a part's label is its place here.
+/// Names of the parts; a part's label is its index here.
 pub(super) const NAMES: [&str; 10] = [
     "body",
     "neck",
@@ -25,7 +24,7 @@ pub(super) const NAMES: [&str; 10] = [
     "tail",
 ];
 
-/// Width of the fillet between parts: their distances blend where they differ by less.
+/// Width of the fillet between parts: their distance fields blend where they differ by less.
 pub(super) const FILLET: f64 = 0.04;
 
 /// Width of the blend between the spines of one part.
@@ -52,7 +51,7 @@ fn join(a: Field, b: Field, width: f64) -> Field {
     }
 }
 
-/// A segment with a radius that goes smoothly from one end's to the other's.
+/// A segment with a radius that changes smoothly from one end to the other.
 #[derive(Clone, Debug)]
 struct Spine {
     start: Vec3,
@@ -138,7 +137,7 @@ impl Shape {
         }
     }
 
-    /// One part alone.
+    /// A single part.
     #[inline]
     pub fn part(&self, part: usize, x: &Vec3) -> Field {
         let spines = &self.parts[part];
@@ -146,8 +145,8 @@ impl Shape {
         spines[1..].iter().fold(first, |sum, spine| join(sum, spine.field(x), BLEND))
     }
 
-    /// The union of some parts. The same to the bit as that of all of them, wherever the parts
-    /// left out are farther than the others by two fillets.
+    /// The union of some parts. The same to the bit as that of all of them, wherever the omitted parts are farther than
+    /// the others by two fillets.
     #[inline]
     pub fn whole(&self, parts: PartSet, x: &Vec3) -> Field {
         let mut sum = Field { value: f64::INFINITY, gradient: Vec3::zeros() };
@@ -160,8 +159,7 @@ impl Shape {
         sum
     }
 
-    /// The surface point that Newton's method reaches from `x`, and the field's gradient there
-    /// (outward, not normalised).
+    /// The surface point reached from `x` by Newton's method, and the field's gradient there (outward, not normalised).
     #[inline]
     pub fn onto_surface(&self, parts: PartSet, mut x: Vec3) -> (Vec3, Vec3) {
         let mut gradient = Vec3::zeros();
@@ -201,5 +199,5 @@ impl Shape {
     }
 }
 
-/// Square of the Newton step after which the next one would be below single precision.
+/// Squared length of a Newton step below which the next one would be below single precision.
 const CLOSE: f64 = 4e-10;

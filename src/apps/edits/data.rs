@@ -1,6 +1,6 @@
-//! What edits say, as plain data.
+//! Edits as plain data.
 //!
-//! The form in JSON is derived; [`super::read`] reads it edit by edit, so that errors name the edit. Cost: none.
+//! The JSON form is derived; [`super::read`] reads it edit by edit, so that errors name the edit. Cost: none.
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -11,67 +11,67 @@ use std::path::PathBuf;
 pub enum Place {
     /// A face of the file, from 0.
     Face(u64),
-    /// A point in units of the file: the face nearest to it is meant.
+    /// A point in units of the file; it denotes the face nearest to it.
     Point([f64; 3]),
 }
 
-/// A colour, sRGB.
+/// An sRGB colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Colour(pub [u8; 3]);
 
-/// One correction. A part is named by any place on it.
+/// One correction. A part is identified by any place on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "edit", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Edit {
-    /// The parts at these places become one.
+    /// Joins the parts at these places into one.
     Merge {
         /// Two places or more.
         at: Vec<Place>,
     },
-    /// The part at this place is divided along the hierarchy.
+    /// Divides the part at this place along the hierarchy.
     Split {
         /// A place on it.
         at: Place,
-        /// Pieces, 2 if not given.
+        /// Number of pieces, 2 by default.
         #[serde(default = "two")]
         into: usize,
     },
-    /// The part that holds both places is cut between them.
+    /// Cuts the part that contains both places between them.
     Cut {
         /// One place on either side of the cut.
         between: [Place; 2],
     },
-    /// Hint: these places belong to one part.
+    /// Hint: these places belong to the same part.
     Together {
         /// Two places or more.
         at: Vec<Place>,
     },
-    /// Hint: no two of these places belong to one part.
+    /// Hint: no two of these places belong to the same part.
     Apart {
         /// Two places or more.
         at: Vec<Place>,
     },
-    /// The part at this place gets a name.
+    /// Names the part at this place.
     Name {
         /// A place on it.
         at: Place,
-        /// Its name: one line of text. Empty: none.
+        /// Its name: one line of text. Empty: no name.
         name: String,
     },
-    /// The part at this place gets a colour.
+    /// Colours the part at this place.
     Colour {
         /// A place on it.
         at: Place,
         /// The colour, as `"#e69f00"`.
         colour: Colour,
     },
-    /// The part at this place is not wanted: all such parts together get the last label.
+    /// Drops the part at this place: all dropped parts together get the last label.
     Drop {
         /// A place on it.
         at: Place,
     },
-    /// No hint and no later edit may change the part at this place.
+    /// Protects the part at this place from hints and later edits.
     Protect {
         /// A place on it.
         at: Place,
@@ -85,25 +85,25 @@ fn two() -> usize {
 /// The edits of one mesh.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Edits {
-    /// The file they are from, for messages.
+    /// The file that they were read from, for messages.
     #[serde(skip)]
     pub path: PathBuf,
-    /// Number of parts before the edits; that which is found where it is not given.
+    /// Number of parts before the edits; if not given, the number found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub parts: Option<usize>,
-    /// Detail before the edits, −1 to 1, where it is not 0.
+    /// Detail before the edits, −1 to 1, unless it is 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detail: Option<f64>,
-    /// Least and greatest corner of the mesh that the places are on. On a mesh in other units,
-    /// places are scaled with it.
+    /// Least and greatest corner of the mesh on which the places lie. On a mesh in other units, places are scaled
+    /// accordingly.
     #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
     pub bounds: Option<[[f64; 3]; 2]>,
-    /// The edits. Hints come first whatever their place; the others follow in this order.
+    /// The edits. Hints are applied first wherever they stand; the others follow in this order.
     pub edits: Vec<Edit>,
 }
 
 impl Edit {
-    /// What it is called in the file.
+    /// Its kind, as written in the file.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Merge { .. } => "merge",
@@ -128,12 +128,12 @@ impl Edit {
         }
     }
 
-    /// Whether it changes no part, but what is known of one.
+    /// Whether it changes no part, only a name, a colour or protection.
     pub fn is_mark(&self) -> bool {
         matches!(self, Self::Name { .. } | Self::Colour { .. } | Self::Drop { .. } | Self::Protect { .. })
     }
 
-    /// Whether it is a hint, which enters the decision about parts.
+    /// Whether it is a hint, which enters the decision on parts.
     pub fn is_hint(&self) -> bool {
         matches!(self, Self::Together { .. } | Self::Apart { .. })
     }

@@ -10,9 +10,9 @@
 //! }
 //! ```
 //!
-//! Edits name places on the surface, not numbers of parts or faces, so that they also apply after the mesh has been
-//! decimated or scanned again. The file is small; it is read whole. What edits do to a mesh is in
-//! [`crate::pipeline::edits`].
+//! Edits identify places on the surface, not numbers of parts or faces, so that they also apply after the mesh has been
+//! decimated or scanned again. The file is small and read as a whole. [`crate::pipeline::edits`] applies edits to a
+//! mesh.
 
 mod data;
 mod names;

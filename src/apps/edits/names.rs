@@ -1,13 +1,13 @@
-//! Names of parts from a table: a line per part, its number and its name, with a tab between.
+//! Names of parts from a table: one line per part, with its number and its name separated by a tab.
 //!
-//! Spreadsheets write such files. A first line that does not begin with a number has the titles of the columns and is
-//! skipped. The file is read whole.
+//! Spreadsheets can write such files. A first line that does not start with a number is a header and is skipped. The
+//! file is read as a whole.
 
 use crate::base::{Error, Result};
 use crate::store::json;
 use std::path::Path;
 
-/// The greatest number of a part that is named.
+/// The greatest part number that can be named.
 const MOST: usize = 1 << 16;
 
 /// Reads the table `path`: one name per part, empty for none.

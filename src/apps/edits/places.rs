@@ -1,8 +1,8 @@
 //! The faces at the places of edits.
 //!
-//! A point stands for the face that it is nearest to, by the distance from the face itself: faces may be long and thin.
-//! The mesh is taken as it is computed with and shown, without stray vertices and without vertices that are in no face.
-//! Cost: two passes over the faces, of which one is for the box of the mesh; 16 bytes per point and thread.
+//! A point denotes the face nearest to it, measured to the face itself, since faces may be long and thin. The mesh is
+//! taken as it is processed and shown: without stray vertices and unused vertices. Cost: two passes over the faces, one
+//! of which is for the bounding box; 16 bytes per point and thread.
 
 use super::data::{Edit, Edits, Place};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
@@ -13,14 +13,15 @@ use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use std::sync::Mutex;
 
-/// Faces that a thread looks at in one go.
+/// Faces that a thread processes at once.
 const CHUNK: usize = 1 << 15;
-/// A point farther from all faces, in diagonals of the mesh, is not on it.
+/// A point farther from all faces than this, in diagonals of the mesh, is not on it.
 const FAR: f64 = 0.1;
-/// A mesh is in other units than the edits if its diagonal is so many times that of their box, or the inverse.
+/// A mesh is in other units than the edits if the ratio of its diagonal to that of their box is above this, or below
+/// its inverse.
 const OTHER_UNITS: f64 = 1.5;
 
-/// Edits, and the faces of a mesh that they name.
+/// Edits with the faces of a mesh at their places.
 #[derive(Clone, Debug)]
 pub struct PlacedEdits<'a> {
     /// The edits.
@@ -46,7 +47,7 @@ impl Edits {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Malformed`] for a face that there is not or a point that is not on the mesh; [`Error::Cancelled`].
+    /// [`Error::Malformed`] for a face that does not exist or a point that is not on the mesh; [`Error::Cancelled`].
     pub fn on(&self, mesh: &Mesh, run: &Run) -> Result<PlacedEdits<'_>> {
         let places = || self.edits.iter().flat_map(Edit::places);
         let points: Vec<[f64; 3]> =
@@ -84,8 +85,8 @@ impl Edits {
     }
 }
 
-/// Least and greatest corner of the box around those faces of `mesh` whose corners all lie in space; infinite, and the
-/// least above the greatest, where there are none. One pass.
+/// Least and greatest corner of the box around the faces of `mesh` whose corners are all finite; infinite, and the
+/// least above the greatest, if there are none. One pass.
 ///
 /// # Errors
 /// [`Error::Cancelled`].
@@ -109,7 +110,7 @@ pub fn bounds(mesh: &Mesh, run: &Run) -> Result<[[f64; 3]; 2]> {
     Ok(around(boxes))
 }
 
-/// The middle of a mesh and its diagonal, not 0: what makes its coordinates those of a box of diagonal 1.
+/// The centre of a mesh and its diagonal, not 0: they transform its coordinates to a box of diagonal 1.
 struct Extent {
     middle: [f64; 3],
     diagonal: f64,
@@ -131,13 +132,13 @@ impl Extent {
     }
 }
 
-/// The diagonal of a box; also where its square is beyond the doubles or below them.
+/// The diagonal of a box; correct even if its square overflows or underflows.
 fn diagonal([low, high]: [[f64; 3]; 2]) -> f64 {
     let [x, y, z] = [0, 1, 2].map(|k| high[k] / 2. - low[k] / 2.);
     2. * x.hypot(y).hypot(z)
 }
 
-/// A point of edits whose mesh had the box `bounds`, in units of the mesh.
+/// A point of edits made on a mesh with the box `bounds`, in units of this mesh.
 fn scaled(bounds: Option<[[f64; 3]; 2]>, extent: &Extent, p: [f64; 3]) -> [f64; 3] {
     let Some([low, high]) = bounds else { return p };
     let ratio = extent.diagonal / diagonal([low, high]);
@@ -147,7 +148,8 @@ fn scaled(bounds: Option<[[f64; 3]; 2]>, extent: &Extent, p: [f64; 3]) -> [f64; 
     [0, 1, 2].map(|k| extent.middle[k] + (p[k] - (low[k] / 2. + high[k] / 2.)) * ratio)
 }
 
-/// The face nearest to each of `points`, and how far it is, all in the box of diagonal 1; of several as near the first.
+/// The face nearest to each of `points`, and its distance, all in the box of diagonal 1; of several equally near ones,
+/// the first.
 fn nearest(mesh: &Mesh, extent: &Extent, points: &[[f64; 3]], run: &Run) -> Result<Vec<(f64, u32)>> {
     let n = mesh.faces.len();
     let none = || vec![(f64::INFINITY, u32::MAX); points.len()];
@@ -177,7 +179,7 @@ fn nearest(mesh: &Mesh, extent: &Extent, points: &[[f64; 3]], run: &Run) -> Resu
                     polygon::triangles(at, |triangle| {
                         let triangle = triangle.map(|k| at[k]);
                         if triangle.iter().all(|&corner| finite(corner)) {
-                            // No less than what was enough to pass the face over, lest the order of faces decide.
+                            // At least the bound used for skipping faces, so that the order of faces does not matter.
                             keep(best, (triangle_distance(triangle, p).max(least), face as u32));
                         }
                     });
@@ -198,7 +200,7 @@ fn nearest(mesh: &Mesh, extent: &Extent, points: &[[f64; 3]], run: &Run) -> Resu
 mod tests {
     use super::*;
 
-    /// The faces at the points of edits whose mesh had the box `bounds`.
+    /// The faces at the points of edits made on a mesh with the box `bounds`.
     fn faces(mesh: &Mesh, points: &[[f64; 3]], bounds: Option<[[f64; 3]; 2]>, threads: usize) -> Result<Vec<u32>> {
         let edits = points.iter().map(|&p| Edit::Drop { at: Place::Point(p) }).collect();
         let edits = Edits { edits, bounds, ..Edits::default() };
@@ -206,7 +208,7 @@ mod tests {
         Ok(edits.on(mesh, &run)?.faces.concat())
     }
 
-    /// An axle: a prism of `n` sides of radius 2 and length 60, a ring at its end and a wider prism of length 4.
+    /// An axle: a prism with `n` sides, radius 2 and length 60, a ring at its end and a wider prism of length 4.
     fn axle(n: u32) -> Mesh {
         let ring = |&(r, z): &(f64, f64)| {
             (0..n)
@@ -222,7 +224,7 @@ mod tests {
 
     #[test]
     fn a_point_on_a_long_face_is_on_it() {
-        // Regression: faces counted as discs of their area, so that a point on such a quad was 12.765 away.
+        // Regression: faces counted as discs of their area, so that a point on such a quad had a distance of 12.765.
         let mesh = axle(48);
         let on_sides: Vec<[f64; 3]> = (0..48u32)
             .map(|face| {
@@ -245,7 +247,7 @@ mod tests {
 
     #[test]
     fn neither_strays_nor_vertices_without_a_face_change_the_units() {
-        // Regression: they made the box of the mesh larger than that of its edits, so that places were scaled.
+        // Regression: they enlarged the box of the mesh compared with that of its edits, so that places were scaled.
         let w = 20u32;
         let mut points: Vec<[f64; 3]> = (0..w * w).map(|i| [f64::from(i % w), f64::from(i / w), 0.]).collect();
         let quads: Vec<[u32; 4]> =
@@ -257,7 +259,7 @@ mod tests {
         points.push([60., 60., 60.]);
         let odd = Mesh::from_slices(&points, &quads).unwrap();
         assert_eq!(faces(&odd, &[place], bounds, 1).unwrap(), face);
-        // In millimetres they are.
+        // In millimetres they must be scaled.
         let large: Vec<[f64; 3]> = points.iter().map(|p| p.map(|x| 1e3 * x)).collect();
         assert_eq!(faces(&Mesh::from_slices(&large, &quads).unwrap(), &[place], bounds, 1).unwrap(), face);
     }

@@ -1,4 +1,4 @@
-//! Reading and writing files of edits: every error says which edit is wrong and what to do.
+//! Reading and writing files of edits: every error names the wrong edit and the remedy.
 
 use super::data::{Edit, Edits, Place};
 use crate::base::{Error, Result};
@@ -7,16 +7,16 @@ use serde::Deserialize;
 use serde_json::Value;
 use std::path::Path;
 
-/// What the files call themselves.
+/// The `format` field of the files.
 pub const FORMAT: &str = "nystrom-stream edits";
 /// Version of the format.
 pub const VERSION: u64 = 1;
-/// Places of an edit at the most: more than there are cells.
+/// Maximum number of places per edit: more than there are cells.
 const PLACES: usize = 4096;
-/// Bytes of a name at the most.
+/// Maximum number of bytes of a name.
 const NAME: usize = 200;
 
-/// The file but for its edits, which are read one by one.
+/// The file without its edits, which are read one by one.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Head {
@@ -28,7 +28,7 @@ struct Head {
     detail: Option<f64>,
     #[serde(default, rename = "box")]
     bounds: Option<[[f64; 3]; 2]>,
-    /// For people.
+    /// For people only.
     #[serde(default, rename = "mesh")]
     _mesh: Option<String>,
     edits: Vec<Value>,
@@ -44,7 +44,7 @@ impl Edits {
         Self::of_text(&text, path)
     }
 
-    /// The edits that `text` tells, the content of `path`.
+    /// Parses the edits in `text`, the content of `path`.
     ///
     /// ```
     /// use nystrom_stream::apps::edits::Edits;
@@ -91,7 +91,7 @@ impl Edits {
         Ok(edits)
     }
 
-    /// Refuses edits that no mesh could follow.
+    /// Rejects edits that are invalid for any mesh.
     ///
     /// # Errors
     /// [`Error::Malformed`] naming the edit.
@@ -132,7 +132,7 @@ impl Edits {
         Ok(())
     }
 
-    /// The error that edit `number`, from 0, is wrong.
+    /// The error for edit `number`, counted from 0.
     pub fn wrong(&self, number: usize, problem: impl Into<String>, remedy: impl Into<String>) -> Error {
         let kind = self.edits.get(number).map_or("", Edit::kind);
         Error::malformed(&self.path, format!("edit {} ({kind})", number + 1), problem, remedy)
@@ -141,7 +141,7 @@ impl Edits {
     /// The file's text.
     ///
     /// # Errors
-    /// [`Error::Internal`] for what JSON cannot tell.
+    /// [`Error::Internal`] for values that JSON cannot represent.
     pub fn text(&self) -> Result<String> {
         let mut value = json::value("the edits", self)?;
         if let Some(map) = value.as_object_mut() {

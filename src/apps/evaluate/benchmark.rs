@@ -1,11 +1,11 @@
-//! A folder of meshes with people's labels, as the Princeton Segmentation Benchmark, and the scores of a folder of
-//! labels on it; labels are read from whatever form they were kept in.
+//! A folder of meshes with human segmentations, such as the Princeton Segmentation Benchmark, and the scores of a
+//! folder of labels on it; labels are read in several formats.
 //!
-//! The folder holds `N.ply`, people's labels `N_0.seg`, `N_1.seg`, … and `models.tsv`, whose tab-separated columns
-//! `model` and `category` say what to judge. Models are independent, one per thread. Cost: some 20 ms per model and
+//! The folder contains `N.ply`, human labels `N_0.seg`, `N_1.seg`, … and `models.tsv`, whose tab-separated columns
+//! `model` and `category` list what to evaluate. Models are independent, one per thread. Cost: some 20 ms per model and
 //! thread (20 k faces, 11 people, all metrics), and the memory of as many models as threads. Labels are `.seg` (one per
-//! line), `.npy` (a vector of any integer type) or `.ply` (the faces' property `label`), one for every face: one pass,
-//! 4 bytes per face.
+//! line), `.npy` (a vector of any integer type) or `.ply` (the face property `label`), one per face: one pass, 4 bytes
+//! per face.
 
 use super::boundaries::Evaluator;
 use super::scores::{ModelScores, ScoreTable, Segmentation};
@@ -16,7 +16,7 @@ use crate::mesh::{self, UNLABELLED, ends_with, read_seg};
 use crate::store::{Context, Run, WorkDir, private_folder};
 use std::path::{Path, PathBuf};
 
-/// Numbers after a model's name that are tried for people's labels; some may be left out.
+/// Numbers after a model's name that are tried for human labels; some may be missing.
 const PEOPLE: usize = 100;
 
 /// A model of a benchmark.
@@ -36,14 +36,14 @@ pub struct Benchmark {
     pub models: Vec<BenchmarkModel>,
 }
 
-/// What was found.
+/// The result of an evaluation.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
-    /// Scores of the labels, with a row for people on the same models; scores of people where no labels were given.
+    /// Scores of the labels, with a row for people on the same models; scores of people if no labels are given.
     pub table: ScoreTable,
     /// Scores of people against other people on the same models.
     pub people: ScoreTable,
-    /// Models without labels, left out of the table.
+    /// Models without labels, not included in the table.
     pub missing: Vec<String>,
 }
 
@@ -57,7 +57,7 @@ impl Benchmark {
     /// Opens the benchmark in `folder`.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Malformed`] where `models.tsv` lacks a column or names no model.
+    /// [`Error::Io`]; [`Error::Malformed`] if `models.tsv` lacks a column or lists no model.
     pub fn open(folder: &Path) -> Result<Self> {
         let path = folder.join("models.tsv");
         let text = std::fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
@@ -79,12 +79,12 @@ impl Benchmark {
         Ok(Self { folder: folder.to_path_buf(), models })
     }
 
-    /// Scores the labels `N.seg`, `N.npy` or `N.ply` of a folder, or people where there is none; without cut
-    /// discrepancy unless `cuts`.
+    /// Scores the labels `N.seg`, `N.npy` or `N.ply` of a folder, or people if no folder is given; cut discrepancy only
+    /// if `cuts`.
     ///
     /// # Errors
-    /// Those of the readers; [`Error::Unusable`] for labels that do not fit their mesh, for a model that fewer than two
-    /// people have cut, for a folder without any labels; [`Error::Cancelled`].
+    /// Those of the readers; [`Error::Unusable`] for labels that do not match their mesh, for a model that fewer than
+    /// two people have segmented, for a folder without any labels; [`Error::Cancelled`].
     pub fn evaluate(&self, labels: Option<&Path>, cuts: bool, run: &Run) -> Result<Evaluation> {
         if let Some(folder) = labels {
             std::fs::read_dir(folder).map_err(Error::io(folder, "list"))?;
@@ -144,17 +144,17 @@ impl Benchmark {
         Ok(Outcome { labels, people })
     }
 
-    /// People's labels of a model.
+    /// The human labels of a model.
     fn truths(&self, model: &str) -> Result<Vec<(PathBuf, Vec<u32>)>> {
         let paths = (0..PEOPLE).map(|j| self.folder.join(format!("{model}_{j}.seg"))).filter(|path| path.exists());
         paths.map(|path| read_seg(&path).map(|labels| (path, labels))).collect()
     }
 }
 
-/// Labels made ready where they are one per face.
+/// Prepares labels if there is one per face.
 ///
 /// # Errors
-/// [`Error::Unusable`] naming `path` where they are not.
+/// [`Error::Unusable`] naming `path` otherwise.
 pub fn fitting<'a>(surface: &Evaluator, path: &Path, labels: &'a [u32]) -> Result<Segmentation<'a>> {
     if labels.len() != surface.faces() {
         let problem = format!("has {} labels for {} faces", labels.len(), surface.faces());
@@ -163,14 +163,14 @@ pub fn fitting<'a>(surface: &Evaluator, path: &Path, labels: &'a [u32]) -> Resul
     surface.segmentation(&path.display().to_string(), labels)
 }
 
-/// Endings of the forms that [`read_labels`] knows, in the order in which a folder is searched for them.
+/// File extensions that [`read_labels`] supports, in the order in which a folder is searched for them.
 pub const ENDINGS: [&str; 3] = ["seg", "npy", "ply"];
 
-/// Reads labels, one per face. `scratch` takes what has to be unpacked.
+/// Reads labels, one per face. Unpacked data go to `scratch`.
 ///
 /// # Errors
-/// [`Error::Unusable`] for an unknown ending, a file without labels, or one where a face has none; and those of the
-/// readers.
+/// [`Error::Unusable`] for an unknown extension, a file without labels, or one in which a face has none; and those of
+/// the readers.
 pub fn read_labels(path: &Path, scratch: &Path, run: &Run) -> Result<Vec<u32>> {
     let work = WorkDir::in_memory(scratch, &run.budget);
     let labels = if ends_with(path, "ply") {
@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(read().unwrap(), [5, 0, u32::MAX - 1]);
         npy::write::<u64>(&path, &[5, 1 << 40], 1, false).unwrap();
         assert!(read().unwrap_err().to_string().contains("item 1 is 1099511627776, beyond 32 bits"));
-        // NumPy's own type for integers: signed, 64 bits.
+        // NumPy's default integer type: signed, 64 bits.
         let mut bytes = std::fs::read(&path).unwrap();
         let at = bytes.windows(3).position(|w| w == b"<u8").unwrap();
         bytes[at + 1] = b'i';
@@ -226,7 +226,7 @@ mod tests {
 
     #[test]
     fn a_face_without_a_label_is_named_in_every_form() {
-        // Regression: the property of a mesh was read by another rule than an array, and neither error said why.
+        // Regression: the property of a mesh was read by another rule than an array, and neither error explained it.
         let dir = tempfile::tempdir().unwrap();
         let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
              element face 2\nproperty list uchar int vertex_indices\nproperty int label\nend_header\n\

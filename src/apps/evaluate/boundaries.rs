@@ -1,19 +1,19 @@
-//! Cut discrepancy: how far the boundaries of two labellings lie apart along the surface; and
-//! the mesh as metrics see it.
+//! Cut discrepancy: the distance along the surface between the boundaries of two labellings; and the mesh data for all
+//! metrics.
 //!
 //! Chen et al. 2009, section 4.1: the mean geodesic distance from the points of one labelling's cuts to the nearest of
-//! the other's, plus the same the other way round, over the mean distance of the surface to its centroid. As in the
-//! benchmark's program, geodesics follow mesh edges and the points are the vertices on cuts; here each weighs the
-//! length of its cut edges. (That program averages both directions into one mean, which is about half of this.) Two
-//! labellings without cuts have discrepancy 0, one with and one without have none (`None`). Where a component of the
-//! mesh has cuts of one labelling only, the distance is the straight line. Open edges at exactly the same position are
-//! one edge, as where parts are found: faces of an STL file share no vertices. A vertex that has no position is on no
-//! cut.
+//! the other's, plus the same in the other direction, divided by the mean distance of the surface from its centroid. As
+//! in the benchmark's program, geodesics follow mesh edges and the points are the vertices on cuts; here each is
+//! weighted by the length of its cut edges. (That program averages both directions into one mean, which is about half
+//! of this.) Two labellings without cuts have discrepancy 0, one with and one without have none (`None`). On a
+//! component of the mesh where only one labelling has cuts, the distance is the straight line. Open edges at exactly
+//! the same position are welded, as for segmentation: faces of an STL file share no vertices. A vertex without a
+//! position is on no cut.
 //!
-//! Cost: areas one pass over the faces, 8 bytes per face; edges a counting sort of the half-edges, about 0.2 µs and at
-//! most 90 bytes per face in memory; where open edges are welded a sort of these, 16 bytes each, 4 bytes per vertex,
-//! and the half-edges once more; then one multi-source Dijkstra per labelling, O(v log v), 8 bytes per vertex, and
-//! O(cut) per pair.
+//! Cost: for areas one pass over the faces, 8 bytes per face; for edges a counting sort of the half-edges, about 0.2 µs
+//! and at most 90 bytes per face in memory; if open edges are welded, a sort of these, 16 bytes each, 4 bytes per
+//! vertex, and the half-edges once more; then one multi-source Dijkstra per labelling, O(v log v), 8 bytes per vertex,
+//! and O(cut) per pair.
 
 use crate::base::dijkstra::shortest_paths;
 use crate::base::union_find::Forest;
@@ -23,14 +23,14 @@ use crate::mesh::Mesh;
 use rstar::RTree;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// What comparisons need to know of a mesh.
+/// The mesh data needed for comparisons.
 #[derive(Clone, Debug)]
 pub struct Evaluator {
     pub(super) faces: usize,
-    /// Area per face; absent: 1 each.
+    /// Area per face; `None`: 1 each.
     pub(super) areas: Option<Vec<f64>>,
     pub(super) edges: Option<Edges>,
-    /// Stops what it takes long to find.
+    /// Cancels long computations.
     pub(super) cancel: Cancel,
 }
 
@@ -54,13 +54,13 @@ pub(super) struct Edges {
 }
 
 impl Evaluator {
-    /// Faces of equal weight and nothing else, for labels without a mesh.
+    /// Only faces of equal weight, for labels without a mesh.
     pub fn of_faces(faces: usize) -> Self {
         Self { faces, areas: None, edges: None, cancel: Cancel::default() }
     }
 
-    /// Faces by area, without cut discrepancy. A face without a finite area counts as 0; where no
-    /// face has any, all count the same.
+    /// Faces weighted by area, without cut discrepancy. A face without a finite area counts as 0; if no face has an
+    /// area, all count the same.
     pub fn without_edges(mesh: &Mesh) -> Self {
         let mut areas = Vec::with_capacity(mesh.faces.len());
         mesh.faces.for_each(0..mesh.faces.len(), |_, corners| areas.push(area(mesh, corners)));
@@ -68,7 +68,7 @@ impl Evaluator {
         Self { areas: any.then_some(areas), ..Self::of_faces(mesh.faces.len()) }
     }
 
-    /// Everything, for all metrics.
+    /// The data for all metrics.
     ///
     /// ```
     /// use nystrom_stream::apps::evaluate::Evaluator;
@@ -88,7 +88,7 @@ impl Evaluator {
         Self::stopped_by(mesh, Cancel::default())
     }
 
-    /// The same, until `cancel` stops it or what it is used for.
+    /// The same; `cancel` stops this and later computations.
     ///
     /// # Errors
     /// As [`Evaluator::of`]; [`Error::Cancelled`].
@@ -104,14 +104,14 @@ impl Evaluator {
     }
 }
 
-/// Area of a polygon, the sum of its triangles, as in tables of parts; 0 where that is not finite.
+/// Area of a polygon, the sum of its triangles, as in tables of parts; 0 if that is not finite.
 fn area(mesh: &Mesh, corners: &[u32]) -> f64 {
     let mut sum = 0.;
     mesh.triangles(corners, |_, at| sum += vector::area(at));
     if sum.is_finite() { sum } else { 0. }
 }
 
-/// Mean distance of the surface to its centroid: face centres weighted by area.
+/// Mean distance of the surface from its centroid: face centres weighted by area.
 fn radius(mesh: &Mesh, areas: Option<&[f64]>) -> f64 {
     let weight = |face: usize| areas.map_or(1., |areas| areas[face]);
     let mean = |of: &dyn Fn([f64; 3]) -> [f64; 3]| {
@@ -168,9 +168,9 @@ impl Edges {
         Ok(edges)
     }
 
-    /// Half-edges by their smaller vertex: where each vertex's begin, and (larger vertex, face)
-    /// of each, ascending. Those from a vertex to itself or to none are left out. `first` is the vertex that stands for
-    /// one.
+    /// Half-edges sorted by their smaller vertex: the start of each vertex's half-edges, and (larger vertex, face) of
+    /// each, ascending. Half-edges from a vertex to itself or with a missing vertex are skipped. `first` maps a vertex
+    /// to its representative.
     fn halves(&self, mesh: &Mesh, first: impl Fn(u32) -> u32) -> (Vec<u32>, Vec<(u32, u32)>) {
         let each = |visit: &mut dyn FnMut(usize, (u32, u32))| {
             mesh.faces.for_each(0..mesh.faces.len(), |face, corners| {
@@ -201,8 +201,8 @@ impl Edges {
         (begins, halves)
     }
 
-    /// For each vertex the first of those that are one because open edges between them lie at exactly the same
-    /// position; none where no edges do.
+    /// For each vertex the first of those welded to it because open edges between them lie at exactly the same
+    /// position; `None` if there are no such edges.
     fn welded(&self, begins: &[u32], halves: &[(u32, u32)]) -> Option<Vec<u32>> {
         let place = |v: u32| position_key(self.positions[v as usize]);
         let mut open = Vec::new();
@@ -215,7 +215,7 @@ impl Edges {
                 }
             }
         }
-        // Places are looked up where hashes are equal alone.
+        // Positions are compared only if hashes are equal.
         open.sort_unstable_by(|(hash, one), (other, two)| {
             hash.cmp(other).then_with(|| (one.map(place), one).cmp(&(two.map(place), two)))
         });
@@ -231,7 +231,7 @@ impl Edges {
         welded.map(Forest::labels)
     }
 
-    /// Fills the graph from half-edges.
+    /// Builds the graph from half-edges.
     fn join(&mut self, begins: &[u32], halves: &[(u32, u32)]) {
         let spans = || (0u32..).zip(begins.windows(2));
         let around = |span: &[u32]| halves[span[0] as usize..span[1] as usize].chunk_by(|a, b| a.0 == b.0);
@@ -266,7 +266,7 @@ impl Edges {
     }
 }
 
-/// Counts at 1.. become the offsets at which each begins.
+/// Converts counts at 1.. to the start of each group.
 fn accumulate(counts: &mut [u32]) {
     let mut sum = 0;
     for count in counts {
@@ -278,10 +278,9 @@ fn accumulate(counts: &mut [u32]) {
 /// The cuts of one labelling.
 #[derive(Clone, Debug)]
 pub(super) struct BoundaryField {
-    /// The vertices on cuts with the length of cut that each stands for.
+    /// The vertices on cuts, each with the length of cut that it represents.
     points: Vec<(u32, f64)>,
-    /// Distance of each vertex to the nearest point, infinite where no path leads to one; empty
-    /// where there are no cuts.
+    /// Distance of each vertex from the nearest point, infinite if no path leads to one; empty if there are no cuts.
     field: Vec<f64>,
 }
 
@@ -299,14 +298,14 @@ impl BoundaryField {
                 ends.iter().for_each(|&v| *weights.entry(v).or_default() += half);
             }
         }
-        // No distance leads to a vertex without a position.
+        // No path leads to a vertex without a position.
         weights.retain(|&v, _| finite(edges.positions[v as usize]));
         let points: Vec<(u32, f64)> = weights.into_iter().collect();
         let field = if points.is_empty() { Vec::new() } else { distances(edges, &points, cancel)? };
         Ok(Self { points, field })
     }
 
-    /// Mean distance of the points of `self` to those of `other`, in units of the mesh.
+    /// Mean distance of the points of `self` from those of `other`, in units of the mesh.
     fn directed(&self, other: &Self, edges: &Edges) -> f64 {
         let mut tree = None;
         let (mut sum, mut plain, mut total) = (0., 0., 0.);
@@ -327,15 +326,14 @@ impl BoundaryField {
         if total > 0. { sum / total } else { plain / self.points.len().max(1) as f64 }
     }
 
-    /// The points for straight lines to them.
+    /// A tree of the points, for straight-line distances.
     fn tree(&self, edges: &Edges) -> RTree<[f64; 3]> {
         let all = self.points.iter().map(|&(v, _)| edges.positions[v as usize]);
         RTree::bulk_load(all.filter(|point| point.iter().all(|x| x.is_finite())).collect())
     }
 }
 
-/// Cut discrepancy of two labellings; `None` where only one of them has cuts, or where the mesh
-/// has no extent.
+/// Cut discrepancy of two labellings; `None` if only one of them has cuts, or if the mesh has no extent.
 pub(super) fn discrepancy(edges: &Edges, one: &BoundaryField, other: &BoundaryField) -> Option<f64> {
     match (one.points.is_empty(), other.points.is_empty()) {
         (true, true) => Some(0.),
@@ -347,7 +345,7 @@ pub(super) fn discrepancy(edges: &Edges, one: &BoundaryField, other: &BoundaryFi
     }
 }
 
-/// Distance of every vertex to the nearest of `sources` along mesh edges.
+/// Distance of every vertex from the nearest of `sources` along mesh edges.
 fn distances(edges: &Edges, sources: &[(u32, f64)], cancel: &Cancel) -> Result<Vec<f64>> {
     let mut field = vec![f64::INFINITY; edges.positions.len()];
     let sources: Vec<u32> = sources.iter().map(|&(v, _)| v).collect();
@@ -390,7 +388,7 @@ mod tests {
         assert_eq!(Evaluator::of(&flat).unwrap().areas, None);
     }
 
-    /// A strip of unit squares along x, each two triangles, in as many components as `starts`.
+    /// A strip of unit squares along x, each two triangles, with a component for each of `starts`.
     fn strip(starts: &[f64], squares: usize) -> Mesh {
         let (mut vertices, mut faces) = (Vec::new(), Vec::new());
         for &x in starts {
@@ -419,7 +417,7 @@ mod tests {
         assert_eq!(discrepancy(&edges, &cut(3), &cut(3)), Some(0.));
         assert_eq!(discrepancy(&edges, &cut(3), &cut(7)), Some(8. / edges.radius));
         assert_eq!(discrepancy(&edges, &cut(7), &cut(3)), Some(8. / edges.radius));
-        // Two cuts at 2 and 8 against one at 3: (1 + 5) / 2 one way, 1 the other.
+        // Two cuts at 2 and 8 against one at 3: (1 + 5) / 2 in one direction, 1 in the other.
         let two = field(&edges, &(0..20).map(|f| f / 2).map(|s| u32::from((2..8).contains(&s))).collect::<Vec<_>>());
         assert!((discrepancy(&edges, &two, &cut(3)).unwrap() * edges.radius - 4.).abs() < 1e-12);
     }
@@ -445,14 +443,14 @@ mod tests {
             }),
             Some(22. / edges.radius)
         );
-        // A change of label between components is no cut.
+        // A change of label between components is not a cut.
         assert!(cut(4).points.is_empty());
     }
 
     #[test]
     fn faces_that_share_no_vertices_are_cut_as_those_that_do() {
-        // Regression: cuts were looked for between faces that share vertices alone, so that all labels of an STL file
-        // had discrepancy 0.
+        // Regression: cuts were sought only between faces that share vertices, so that all labels of an STL file had
+        // discrepancy 0.
         let shared = strip(&[0.], 10);
         let (mut corners, mut faces) = (Vec::new(), Vec::new());
         shared.faces.for_each(0..shared.faces.len(), |_, of_face| {
@@ -465,14 +463,14 @@ mod tests {
             discrepancy(&edges, &field(&edges, &halves(20, 3)), &field(&edges, &halves(20, 7))).unwrap() * edges.radius
         };
         assert_eq!((scores(&shared), scores(&own)), (8., 8.));
-        // Two strips end to end are one, as where parts are found.
+        // Two adjoining strips are welded, as for segmentation.
         let seam = Evaluator::of(&strip(&[0., 4.], 4)).unwrap().edges.unwrap();
         assert_eq!(field(&seam, &halves(16, 4)).points, [(8, 0.5), (9, 0.5)]);
     }
 
     #[test]
     fn a_cut_through_a_vertex_without_a_position_is_measured_by_its_others() {
-        // Regression: the discrepancy was that of no cuts at all.
+        // Regression: the discrepancy was that of a labelling without cuts.
         for lost in [f64::NAN, f64::INFINITY] {
             let mesh = strip(&[0.], 10);
             let mut corners: Vec<[f64; 3]> = (0..22).map(|v| mesh.positions.get(v)).collect();

@@ -1,23 +1,23 @@
-//! How two labellings of the same faces overlap, and the metrics that are read from that table.
+//! The overlaps of two labellings of the same faces, and the metrics computed from that table.
 //!
 //! Labels may be any `u32`: they are numbered by ascending value first. Rand index, Hamming distance and consistency
 //! errors are those of Chen, Golovinskiy, Funkhouser, *A Benchmark for 3D Mesh Segmentation*, 2009, section 4: 0 for
-//! equal labellings, below 1, lower is better. [`matches`] is the share of faces labelled rightly once parts are named
-//! as the truth names them. Cost: two passes over each labelling, about 5 ns per face; memory a table of parts × parts,
-//! or a hash map of the cells that occur where that table would be larger than the labels (then 200 ns per face).
+//! equal labellings, below 1, lower is better. [`matches`] is the share of faces labelled correctly after parts are
+//! renamed to fit the truth. Cost: two passes over each labelling, about 5 ns per face; memory: a table of parts ×
+//! parts, or a hash map of the non-empty cells if that table would be larger than the labels (then 200 ns per face).
 
 use crate::apps::assignment::least_assignment;
 use crate::base::sort::order_by;
 use crate::base::{Error, Result};
 use std::collections::HashMap;
 
-/// Tables up to this many cells (16 MB), or as many as there are faces, are kept dense.
+/// Tables of up to this many cells (16 MB), or as many as there are faces, are dense.
 const DENSE_CELLS: usize = 1 << 20;
 
 /// A part of a labelling: the faces that carry one label.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Marginal {
-    /// Its label as given.
+    /// Its original label.
     pub label: u32,
     /// Number of its faces, at least 1.
     pub faces: u64,
@@ -25,7 +25,7 @@ pub struct Marginal {
     pub area: f64,
 }
 
-/// The overlap of a part of the one labelling with a part of the other.
+/// The overlap of a part of one labelling with a part of the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Overlap {
     /// Number of the part in [`Contingency::rows`].
@@ -41,17 +41,17 @@ pub struct Overlap {
 /// The overlaps of two labellings of the same faces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contingency {
-    /// Parts of the judged labelling, by ascending label. Their areas are the sums of their cells'.
+    /// Parts of the evaluated labelling, by ascending label. Their areas are the sums of their cells.
     pub rows: Vec<Marginal>,
-    /// Parts of the truth, by ascending label. Their areas are the sums of their cells'.
+    /// Parts of the truth, by ascending label. Their areas are the sums of their cells.
     pub columns: Vec<Marginal>,
-    /// The overlaps that occur, by row, then column.
+    /// The non-empty overlaps, by row, then column.
     pub cells: Vec<Overlap>,
     /// Number of faces.
     pub faces: u64,
     /// Area of all faces.
     pub area: f64,
-    /// Sum of the squared areas of single faces (what pairs of a face with itself would weigh).
+    /// Sum of the squared areas of single faces (the weight of pairs of a face with itself).
     pub squares: f64,
 }
 
@@ -64,9 +64,9 @@ pub(super) struct LabelIndex {
 
 #[derive(Clone, Debug)]
 enum Lookup {
-    /// Number by label, for labels that are small.
+    /// Number by label, for small labels.
     Direct(Vec<u32>),
-    /// Number by label, for any.
+    /// Number by label, for any labels.
     Hashed(HashMap<u32, u32>),
 }
 
@@ -110,11 +110,11 @@ impl LabelIndex {
     }
 }
 
-/// Counts the overlaps of `labels` (rows) with `truth` (columns), one label per face; `areas` one area
-/// per face, 1 each where absent.
+/// Counts the overlaps of `labels` (rows) with `truth` (columns), one label per face; `areas` has one area per face, or
+/// `None` for 1 each.
 ///
 /// # Errors
-/// [`Error::Parameter`] where the lengths differ.
+/// [`Error::Parameter`] if the lengths differ.
 pub fn contingency(labels: &[u32], truth: &[u32], areas: Option<&[f64]>) -> Result<Contingency> {
     let faces = areas.map_or(truth.len(), <[f64]>::len);
     check_count("labels", labels.len(), faces)?;
@@ -122,7 +122,7 @@ pub fn contingency(labels: &[u32], truth: &[u32], areas: Option<&[f64]>) -> Resu
     Ok(count((labels, &LabelIndex::of(labels)), (truth, &LabelIndex::of(truth)), areas))
 }
 
-/// Refuses a labelling that is not one label per face.
+/// Rejects a labelling that does not have one label per face.
 pub(super) fn check_count(name: &str, labels: usize, faces: usize) -> Result<()> {
     if labels == faces {
         return Ok(());
@@ -169,8 +169,7 @@ pub(super) fn count(
     table
 }
 
-/// Faces and area per key, ascending by key; through a table where its size is given, which all keys
-/// are below.
+/// Faces and area per key, ascending by key; through a dense table if its size is given, which all keys must be below.
 fn tally(dense: Option<usize>, faces: impl Iterator<Item = (u64, f64)>) -> Vec<(u64, (u64, f64))> {
     if let Some(size) = dense {
         let mut table = vec![(0u64, 0f64); size];
@@ -196,8 +195,8 @@ fn ascending(map: HashMap<u64, (u64, f64)>) -> Vec<(u64, (u64, f64))> {
     cells
 }
 
-/// 1 − Rand index over pairs of faces: the share of pairs on which the labellings disagree whether
-/// they belong together. Counted exactly, rounded once.
+/// 1 − Rand index over pairs of faces: the share of pairs for which the labellings disagree on whether they belong
+/// together. Counted exactly, rounded once.
 pub fn rand(table: &Contingency) -> f64 {
     let pairs = |faces: u64| u128::from(faces) * u128::from(faces.saturating_sub(1)) / 2;
     let all = pairs(table.faces);
@@ -210,8 +209,8 @@ pub fn rand(table: &Contingency) -> f64 {
     (one + other - 2 * both) as f64 / all as f64
 }
 
-/// [`rand`] with each pair weighted by the product of its areas: independent of the tessellation,
-/// equal to [`rand`] where all areas are.
+/// [`rand`] with each pair weighted by the product of its areas: independent of the tessellation, equal to [`rand`] if
+/// all areas are equal.
 pub fn rand_area(table: &Contingency) -> f64 {
     let apart = |cell: &Overlap| {
         let (row, column) = (&table.rows[cell.row as usize], &table.columns[cell.column as usize]);
@@ -223,9 +222,9 @@ pub fn rand_area(table: &Contingency) -> f64 {
 /// The directional Hamming distances over the area, as missing rate and false-alarm rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hamming {
-    /// Area of truth parts outside the part that covers most of each.
+    /// Area of truth parts outside the evaluated part that overlaps each most.
     pub missing: f64,
-    /// Area of judged parts outside the truth part that covers most of each.
+    /// Area of evaluated parts outside the truth part that overlaps each most.
     pub false_alarm: f64,
 }
 
@@ -243,8 +242,8 @@ pub fn hamming(table: &Contingency) -> Hamming {
     Hamming { missing: outside(&table.columns, &columns), false_alarm: outside(&table.rows, &rows) }
 }
 
-/// The consistency errors, which forgive that one labelling refines the other: everywhere in the
-/// same direction (global), or in either at each face (local).
+/// The consistency errors, which tolerate that one labelling refines the other: everywhere in the same direction
+/// (global), or in either direction at each face (local).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Consistency {
     /// Global consistency error.
@@ -267,18 +266,17 @@ pub fn consistency(table: &Contingency) -> Consistency {
     Consistency { gce: share(f64::min(one, other), table.area), lce: share(least, table.area) }
 }
 
-/// `part / whole`, at least 0; 0 where there is no whole.
+/// `part / whole`, at least 0; 0 if `whole` is 0.
 fn share(part: f64, whole: f64) -> f64 {
     if whole > 0. { (part / whole).max(0.) } else { 0. }
 }
 
-/// The most parts on the smaller side for the exact method.
+/// Maximum number of parts on the smaller side for the exact method.
 const EXACT: usize = 1000;
-/// The most entries of the dense table of the exact method (64 MB).
+/// Maximum number of entries of the dense table of the exact method (64 MB).
 const EXACT_ENTRIES: usize = 1 << 23;
 
-/// Share of the area under the best one-to-one matching of parts; 1 for equal labellings, and for
-/// an empty one.
+/// Share of the area under the best one-to-one matching of parts; 1 for equal labellings, and for an empty one.
 ///
 /// ```
 /// use nystrom_stream::apps::evaluate::{contingency, matches};
@@ -295,7 +293,7 @@ pub fn matches(table: &Contingency) -> f64 {
     (common / table.area).min(1.)
 }
 
-/// The greatest overlaps first, each part once.
+/// Greedy matching: the greatest overlaps first, each part once.
 fn greedy(table: &Contingency) -> f64 {
     let order = order_by(table.cells.len(), |x, y| table.cells[y].area.total_cmp(&table.cells[x].area));
     let (mut rows, mut columns) = (vec![false; table.rows.len()], vec![false; table.columns.len()]);

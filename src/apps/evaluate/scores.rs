@@ -1,7 +1,7 @@
 //! All metrics of a pair of labellings, of one against many, and of people against each other; and tables of them by
-//! category, for reading and as JSON.
+//! category, as text and as JSON.
 //!
-//! Cost: a pass over the faces per pair; what the evaluator and the labellings made ready hold is shared.
+//! Cost: a pass over the faces per pair; the data of the evaluator and of prepared labellings are shared.
 
 use super::boundaries::{BoundaryField, Evaluator, discrepancy};
 use super::contingency::{Contingency, LabelIndex, check_count, consistency, count, hamming, rand, rand_area};
@@ -10,22 +10,21 @@ use crate::mesh::Mesh;
 use serde::Serialize;
 use std::fmt::Write;
 
-/// The metrics of labels against a truth; 0 is equal, lower is better, all but the cut
-/// discrepancy below 1.
+/// The metrics of labels against a truth; 0 means equal, lower is better, all except the cut discrepancy are below 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Scores {
     /// 1 − Rand index over pairs of faces.
     pub rand: f64,
     /// 1 − Rand index, pairs weighted by their areas.
     pub rand_area: f64,
-    /// Sum of the two mean distances between cuts over the mean radius; `None` without a mesh, or
-    /// where only one of the two has cuts. In a mean: over the pairs that have one.
+    /// Sum of the two mean distances between cuts over the mean radius; `None` without a mesh, or if only one of the
+    /// two has cuts. A mean is taken over the pairs that have one.
     pub cut_discrepancy: Option<f64>,
     /// Mean of `missing` and `false_alarm`.
     pub hamming: f64,
-    /// Share of the area that lies outside the best-covering part of its truth part.
+    /// Share of the area that lies outside the best-overlapping part of its truth part.
     pub missing: f64,
-    /// Share of the area that lies outside the best-covering truth part of its part.
+    /// Share of the area that lies outside the best-overlapping truth part of its part.
     pub false_alarm: f64,
     /// Global consistency error by area.
     pub gce: f64,
@@ -49,7 +48,7 @@ impl Scores {
         }
     }
 
-    /// The mean of each metric; `None` of nothing.
+    /// The mean of each metric; `None` for an empty list.
     pub fn mean(all: &[Self]) -> Option<Self> {
         if all.is_empty() {
             return None;
@@ -69,13 +68,13 @@ impl Scores {
         })
     }
 
-    /// The same pair judged the other way round.
+    /// The scores with the roles of labels and truth exchanged.
     pub fn reversed(self) -> Self {
         Self { missing: self.false_alarm, false_alarm: self.missing, ..self }
     }
 }
 
-/// A labelling made ready for comparisons: parts numbered, distances to its cuts known.
+/// A labelling prepared for comparisons: parts numbered, distances to its cuts computed.
 #[derive(Clone, Debug)]
 pub struct Segmentation<'a> {
     labels: &'a [u32],
@@ -84,24 +83,24 @@ pub struct Segmentation<'a> {
 }
 
 impl Segmentation<'_> {
-    /// Number of parts: labels that occur.
+    /// Number of parts: distinct labels.
     pub fn parts(&self) -> usize {
         self.numbering.len()
     }
 }
 
 impl Evaluator {
-    /// Makes labels ready; `name` is what an error calls them.
+    /// Prepares labels; `name` identifies them in errors.
     ///
     /// # Errors
-    /// [`Error::Parameter`] where they are not one per face; [`Error::Cancelled`].
+    /// [`Error::Parameter`] if there is not one per face; [`Error::Cancelled`].
     pub fn segmentation<'a>(&self, name: &str, labels: &'a [u32]) -> Result<Segmentation<'a>> {
         check_count(name, labels.len(), self.faces)?;
         let cut = self.edges.as_ref().map(|edges| BoundaryField::of(edges, labels, &self.cancel)).transpose()?;
         Ok(Segmentation { labels, numbering: LabelIndex::of(labels), cut })
     }
 
-    /// Makes several people's labels ready; errors call them "truth 1" and so on.
+    /// Prepares the labels of several people; errors call them "truth 1" and so on.
     ///
     /// # Errors
     /// As [`Evaluator::segmentation`].
@@ -124,16 +123,16 @@ impl Evaluator {
     /// Mean metrics of one labelling against several truths.
     ///
     /// # Errors
-    /// [`Error::Parameter`] where there is no truth.
+    /// [`Error::Parameter`] if there is no truth.
     pub fn compare_many(&self, labels: &Segmentation, truths: &[Segmentation]) -> Result<Scores> {
         let all: Vec<Scores> = truths.iter().map(|truth| self.compare(labels, truth)).collect();
         Scores::mean(&all).ok_or_else(|| Error::parameter("truth", "there is none", "give at least one labelling"))
     }
 
-    /// Mean metrics of each person against the others, as if each in turn were judged.
+    /// Mean metrics of each person against the others, as if each in turn were evaluated.
     ///
     /// # Errors
-    /// [`Error::Parameter`] where there are fewer than two.
+    /// [`Error::Parameter`] if there are fewer than two.
     pub fn people(&self, truths: &[Segmentation]) -> Result<Scores> {
         let mut all = Vec::with_capacity(truths.len() * truths.len().saturating_sub(1));
         for (k, one) in truths.iter().enumerate() {
@@ -148,8 +147,8 @@ impl Evaluator {
     }
 }
 
-/// All metrics of one pair of labellings; without a mesh every face weighs the same and there is
-/// no cut discrepancy.
+/// All metrics of one pair of labellings; without a mesh every face has the same weight and there is no cut
+/// discrepancy.
 ///
 /// ```
 /// use nystrom_stream::apps::evaluate::compare;
@@ -160,7 +159,7 @@ impl Evaluator {
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] where labels, truth and faces differ in number.
+/// [`Error::Parameter`] if labels, truth and faces differ in number.
 pub fn compare(mesh: Option<&Mesh>, labels: &[u32], truth: &[u32]) -> Result<Scores> {
     let faces = mesh.map_or(truth.len(), |mesh| mesh.faces.len());
     check_count("labels", labels.len(), faces)?;
@@ -179,14 +178,14 @@ pub struct ModelScores {
     /// Its scores, a mean over truths.
     #[serde(flatten)]
     pub scores: Scores,
-    /// Number of parts; for people their mean.
+    /// Number of parts; for people, their mean.
     pub parts: f64,
 }
 
 /// A line of the table: means over models.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeanScores {
-    /// The category, or what the line sums up.
+    /// The category, or a description of the summary line.
     pub name: String,
     /// Number of models.
     pub models: usize,
@@ -202,15 +201,15 @@ pub struct MeanScores {
 pub struct ScoreTable {
     /// One line per category, in the order of their first model.
     pub categories: Vec<MeanScores>,
-    /// Mean over all models; absent where there are none.
+    /// Mean over all models; `None` if there are none.
     pub overall: Option<MeanScores>,
-    /// People against other people, mean over models; absent where not asked for.
+    /// People against other people, mean over models; `None` if not requested.
     pub people: Option<MeanScores>,
     /// Every model.
     pub models: Vec<ModelScores>,
 }
 
-/// The columns behind name and number of models: title, decimals, value.
+/// The columns after name and number of models: title, decimals, value.
 type Column = (&'static str, usize, fn(&MeanScores) -> Option<f64>);
 const COLUMNS: [Column; 9] = [
     ("parts", 1, |row| Some(row.parts)),
@@ -225,7 +224,7 @@ const COLUMNS: [Column; 9] = [
 ];
 
 impl ScoreTable {
-    /// The table of `models`, with a line for `people`'s scores of the same models unless empty.
+    /// The table of `models`, with a line for the scores of `people` on the same models unless that is empty.
     pub fn new(models: Vec<ModelScores>, people: &[ModelScores]) -> Self {
         let mut names: Vec<&str> = Vec::new();
         for model in &models {
@@ -243,7 +242,7 @@ impl ScoreTable {
         self.to_text_under("category", "models")
     }
 
-    /// The same under other titles of the first two columns.
+    /// The same with other titles for the first two columns.
     pub fn to_text_under(&self, name: &str, count: &str) -> String {
         let sums = self.overall.iter().chain(&self.people);
         let rows: Vec<&MeanScores> = self.categories.iter().chain(sums).collect();
@@ -272,14 +271,14 @@ impl ScoreTable {
     /// The table as JSON: `categories`, `overall`, `people`, `models`.
     ///
     /// # Errors
-    /// [`Error::Parameter`] where the serialiser refuses it, which no finite table makes it do.
+    /// [`Error::Parameter`] if serialisation fails, which cannot happen for a finite table.
     pub fn to_json(&self) -> Result<String> {
         serde_json::to_string_pretty(self)
             .map_err(|error| Error::parameter("table", error.to_string(), "report this as a fault"))
     }
 }
 
-/// The mean of models under a name; `None` of nothing.
+/// The mean of models under a name; `None` for an empty list.
 fn row<'a>(name: &str, models: impl IntoIterator<Item = &'a ModelScores>) -> Option<MeanScores> {
     let (scores, parts): (Vec<Scores>, Vec<f64>) =
         models.into_iter().map(|model| (model.scores, model.parts)).collect();

@@ -1,14 +1,16 @@
-//! Caps where a part was cut off from its neighbours, or has a hole: with them, parts of a closed mesh are solids.
+//! Caps that close a part where it was cut from its neighbours, or has a hole: with them, parts of a closed mesh are
+//! solids.
 //!
-//! The edges that one face of the part has alone are joined to loops; a loop that touches itself falls into simple
-//! ones. A loop is filled by ear clipping in the plane given by its own area vector (Newell's). Where that does not
-//! use all its edges once, folds, or would double an edge of the part or one beside the cut, it is filled by a fan
-//! about its centre, which always closes it, but may cut through itself if the loop is far from flat and convex. Both
-//! sides of a loop get the same triangles, so volumes of parts add up to that of the whole. Polygons have the edges of
-//! their triangles too, which STL files are made of.
+//! Open edges of the part are joined into loops; a loop that touches itself is divided into simple ones. A loop is
+//! filled by ear clipping in the plane of its area vector (Newell's). If that does not use each of its edges once,
+//! folds, or would duplicate an edge of the part or one next to the cut, it is filled by a fan around its centre, which
+//! always closes it, but may intersect itself if the loop is far from flat and convex. Both sides of a loop get the
+//! same triangles, so volumes of parts add up to that of the whole. The diagonals of triangulated polygons count as
+//! edges too, since STL files consist of triangles.
 //!
 //! Vertices at the same position count as one. Cost: 24 bytes per corner of the part (STL: 32), [`OPEN`] per open edge,
-//! and 4 bytes per vertex of the mesh while it is seen where parts meet, from the budget; a sort of the edges.
+//! and 4 bytes per vertex of the mesh while the meeting points of parts are determined, from the budget; a sort of the
+//! edges.
 
 use crate::base::Result;
 use crate::base::sort::sort_by;
@@ -19,10 +21,10 @@ use crate::store::budget::Grant;
 use earcut::Earcut;
 use std::collections::{BTreeSet, HashMap};
 
-/// Faces between two looks at the stop flag.
+/// Faces between two checks of the stop flag.
 const CHUNK: usize = 1 << 16;
 
-/// Bytes that an open edge takes while edges are joined to loops.
+/// Bytes per open edge while edges are joined into loops.
 const OPEN: u64 = 130;
 
 /// A corner of a cap.
@@ -34,38 +36,38 @@ pub(super) enum Corner {
     Centre(u32),
 }
 
-/// What closes a part.
+/// The caps of a part.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Caps {
     /// Centres of fans.
     pub centres: Vec<[f64; 3]>,
-    /// Triangles, wound as the part is.
+    /// Triangles, wound like the part.
     pub triangles: Vec<[Corner; 3]>,
-    /// Loops that were filled.
+    /// Number of loops that were filled.
     pub loops: usize,
-    /// Edges of more than two faces, or of two that are wound against each other, open ones in no loop, and faces with
-    /// a corner that has no position: with any, the part is no solid.
+    /// Number of edges of more than two faces, or of two with contradicting winding, open edges in no loop, and faces
+    /// with a corner without a position: if any, the part is not a solid.
     pub flaws: u64,
 }
 
-/// The edges of triangles of which both ends lie where parts meet. A cap must not double them on either side of a cut.
+/// The edges of triangles with both ends where parts meet. A cap must not duplicate them on either side of a cut.
 pub(super) struct EdgesAtCuts {
-    /// Ascending, each with its lesser end first.
+    /// Ascending, each with its smaller end first.
     edges: Vec<[u32; 2]>,
     _grant: Grant,
 }
 
 impl EdgesAtCuts {
-    /// Those of `mesh`, whose faces have `labels`.
+    /// For `mesh`, whose faces have `labels`.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
     pub fn of(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Self> {
-        /// Faces of several parts meet there.
+        /// Faces of several parts meet at the vertex.
         const SEVERAL: u32 = u32::MAX;
         let bytes = 4 * mesh.positions.len() as u64;
         let _grant_of_parts = run.budget.take("where parts meet", bytes, bytes)?;
-        // One more than the part of each vertex; 0 where it has no face.
+        // The part of each vertex plus one; 0 without a face.
         let mut parts = vec![0u32; mesh.positions.len()];
         let chunks = || (0..labels.len()).step_by(CHUNK).map(|start| start..labels.len().min(start + CHUNK));
         for faces in chunks() {
@@ -103,12 +105,12 @@ impl EdgesAtCuts {
     }
 }
 
-/// The ends of an edge, the lesser first.
+/// The ends of an edge, the smaller first.
 fn ends([a, b]: [u32; 2]) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// Sorts directed edges by their ends. Returns those without a partner, and how many have one that no solid has.
+/// Sorts directed edges by their ends. Returns those without a partner, and the number that rule out a solid.
 fn without_partner(edges: &mut [[u32; 2]]) -> (Vec<[u32; 2]>, u64) {
     edges.sort_unstable_by_key(|&edge| (ends(edge), edge));
     let (mut open, mut flaws) = (Vec::new(), 0);
@@ -128,10 +130,10 @@ fn without_partner(edges: &mut [[u32; 2]]) -> (Vec<[u32; 2]>, u64) {
     (open, flaws)
 }
 
-/// Joins directed edges to simple loops; tells how many edges are in none.
+/// Joins directed edges into simple loops; also returns the number of edges in no loop.
 fn loops(mut edges: Vec<[u32; 2]>) -> (Vec<Vec<u32>>, u64) {
     edges.sort_unstable();
-    // The next edge from each vertex that is not yet walked.
+    // The next unvisited edge from each vertex.
     let mut next: HashMap<u32, std::ops::Range<usize>> = HashMap::new();
     for (k, &[from, _]) in edges.iter().enumerate() {
         next.entry(from).or_insert(k..k).end = k + 1;
@@ -160,8 +162,8 @@ fn loops(mut edges: Vec<[u32; 2]>) -> (Vec<Vec<u32>>, u64) {
     (all, left)
 }
 
-/// The loop from its least vertex towards the lesser neighbour, so that both sides of it tell it alike; and whether
-/// that is the other way round.
+/// Rotates the loop to start at its least vertex and go towards the smaller neighbour, so that both sides give the same
+/// loop; also returns whether the direction was reversed.
 fn canonical(mut ring: Vec<u32>) -> (Vec<u32>, bool) {
     let least = (0..ring.len()).min_by_key(|&k| ring[k]).unwrap_or(0);
     ring.rotate_left(least);
@@ -172,8 +174,8 @@ fn canonical(mut ring: Vec<u32>) -> (Vec<u32>, bool) {
     (ring, turned)
 }
 
-/// The triangles that ear clipping of a loop makes in the plane of its area vector, wound against it, if they use every
-/// edge of it once and do not fold.
+/// The ear-clipping triangles of a loop in the plane of its area vector, wound against it; `None` unless they use each
+/// of its edges once and do not fold.
 fn clipped(ring: &[u32], at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<Vec<[u32; 3]>> {
     let n = ring.len();
     let mut triangles = polygon::clipped(at, clipper)?;
@@ -186,9 +188,9 @@ fn clipped(ring: &[u32], at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<V
 }
 
 impl Caps {
-    /// Closes the part whose faces `visit` shows, of a mesh that has the edges `at_cuts`. With `by_place` edges of
-    /// other vertices at the same position count as one when flaws are counted: an STL has positions alone.
-    ///
+    /// Closes the part whose faces `visit` enumerates; `at_cuts` are the edges at cuts of the mesh. With `by_place`,
+    /// edges of different vertices at the same positions count as one when flaws are counted: an STL has only
+    /// positions.
     /// # Errors
     /// [`crate::base::Error::Memory`]; those of `visit`.
     pub fn of(
@@ -230,7 +232,7 @@ impl Caps {
             caps.loops += 1;
             let flat = clipped(&ring, &at, &mut clipper).filter(|triangles| {
                 let inner = inner_edges(&ring, triangles);
-                // Edges of vertices that were welded are not known.
+                // Edges of welded vertices are unknown.
                 !inner.iter().any(|&edge| welded || known(edge) || !chords.insert(edge))
             });
             let filled: Vec<[Corner; 3]> = match flat {
@@ -250,7 +252,7 @@ impl Caps {
         Ok(caps)
     }
 
-    /// Where a corner lies.
+    /// The position of a corner.
     pub fn place(&self, mesh: &Mesh, corner: Corner) -> [f64; 3] {
         match corner {
             Corner::Vertex(v) => mesh.positions.get(v),
@@ -259,13 +261,13 @@ impl Caps {
     }
 }
 
-/// The edges within a polygon that its triangles have.
+/// The diagonals of a polygon's triangulation.
 fn diagonals_of(face: &[u32], mesh: &Mesh) -> Vec<[u32; 2]> {
     let at: Vec<[f64; 3]> = face.iter().map(|&v| mesh.positions.get(v)).collect();
     let (n, mut all) = (face.len(), Vec::with_capacity(face.len()));
     polygon::triangles(&at, |[a, b, c]| {
         for [i, j] in [[a, b], [b, c], [c, a]] {
-            // Of either direction once.
+            // Each diagonal only once.
             if i < j && i + 1 < j && (i, j) != (0, n - 1) {
                 all.push(ends([face[i], face[j]]));
             }
@@ -274,7 +276,7 @@ fn diagonals_of(face: &[u32], mesh: &Mesh) -> Vec<[u32; 2]> {
     all
 }
 
-/// The edges of `triangles` that the loop does not have.
+/// The edges of `triangles` that are not on the loop.
 fn inner_edges(ring: &[u32], triangles: &[[u32; 3]]) -> BTreeSet<[u32; 2]> {
     let own: BTreeSet<[u32; 2]> = ring.iter().zip(ring.iter().cycle().skip(1)).map(|(&a, &b)| ends([a, b])).collect();
     let all = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
@@ -292,8 +294,8 @@ fn middle(at: &[[f64; 3]]) -> [f64; 3] {
     if whole > 0. { sum.map(|x| x / whole) } else { at[0] }
 }
 
-/// Names open edges by the least vertex at each position. Returns whether any had another, the edges that are open
-/// still, and what is left that no solid has.
+/// Replaces the vertices of open edges by the least vertex at each position. Returns whether any was replaced, the
+/// edges that are still open, and the number that rule out a solid.
 fn weld(mesh: &Mesh, open: &mut [[u32; 2]]) -> (bool, Vec<[u32; 2]>, u64) {
     let vertices: BTreeSet<u32> = open.iter().flatten().copied().collect();
     let mut first: HashMap<[u64; 3], u32> = HashMap::new();
@@ -305,8 +307,8 @@ fn weld(mesh: &Mesh, open: &mut [[u32; 2]]) -> (bool, Vec<[u32; 2]>, u64) {
     (welded, open, flaws)
 }
 
-/// How many of the directed `edges` of a part, and of its caps, come once more where vertices that are one as floats
-/// are one.
+/// How many of the directed `edges` of a part, and of its caps, are duplicates after vertices that are equal as floats
+/// are merged.
 fn doubled(mesh: &Mesh, mut edges: Vec<[u32; 2]>, caps: &[[Corner; 3]]) -> u64 {
     let place = |v: u32| position_key(mesh.positions.get(v).map(|x| f64::from(x as f32)));
     let mut vertices: Vec<u32> = edges.iter().flatten().copied().collect();
@@ -356,7 +358,8 @@ mod tests {
         (mesh, caps)
     }
 
-    /// Six times the volume of faces and caps, and how many edges are not shared by two triangles wound the same way.
+    /// Six times the volume of faces and caps, and the number of edges not shared by exactly two triangles of
+    /// consistent winding.
     fn closed(mesh: &Mesh, faces: &[Vec<u32>], caps: &Caps) -> (f64, u64) {
         let mut all: Vec<[[f64; 3]; 3]> =
             faces.iter().map(|f| [f[0], f[1], f[2]].map(|v| mesh.positions.get(v))).collect();
@@ -388,7 +391,7 @@ mod tests {
 
     #[test]
     fn a_tube_is_closed_flat_where_that_can_be_and_by_fans_elsewhere() {
-        // An L, whose centre of gravity does not see all of it, with a vertex amid a side.
+        // An L, whose centroid does not see all of it, with a vertex in the middle of a side.
         let ell = [[0., 0.], [1.5, 0.], [3., 0.], [3., 1.], [1., 1.], [1., 3.], [0., 3.]];
         let (points, faces) = prism(&ell);
         let (mesh, flat) = caps(&points, &faces);
@@ -402,7 +405,7 @@ mod tests {
         assert_eq!(closed(&mesh, &faces, &fans).1, 0);
     }
 
-    /// Each is closed by its own vertices, but an STL has places alone: four faces meet at one edge there.
+    /// Each is closed by its own vertices, but an STL has only positions: four faces meet at one edge there.
     #[test]
     fn solids_that_touch_along_an_edge_are_none_by_places() {
         let solid = |tip: [f64; 3], side: [f64; 3]| [[0., 0., 0.], [1., 0., 0.], side, tip];

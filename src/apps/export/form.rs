@@ -1,4 +1,4 @@
-//! The forms of a labelled mesh: which ending of a name chooses which, what each leaves to choose, and its writer.
+//! The formats of a labelled mesh: which file extension selects which, their options, and their writers.
 
 use super::split::{self, Folder, PartForm};
 use super::{glb, obj};
@@ -8,7 +8,7 @@ use crate::store::{Run, npy};
 use std::ffi::OsStr;
 use std::path::Path;
 
-/// What a labelled mesh is written as.
+/// The output formats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// The mesh with labels, colours and qualities of its faces.
@@ -27,15 +27,15 @@ pub enum Form {
     Parquet,
     /// A table of the parts.
     Csv,
-    /// A page that shows the mesh.
+    /// A web page that shows the mesh.
     Html,
     /// One file per part, in a folder.
     Folder,
 }
 
 impl Form {
-    /// The form that `path` names: a folder where one is there or `path` ends with `/`, else by the ending in letters
-    /// of any case.
+    /// The format for `path`: a folder if it exists as one or `path` ends with `/`, else by the file extension,
+    /// ignoring case.
     ///
     /// ```
     /// use nystrom_stream::apps::export::Form;
@@ -62,17 +62,17 @@ impl Form {
         }
     }
 
-    /// Whether it holds labels alone, so that it is written without the mesh.
+    /// Whether it contains only labels, so that it can be written without the mesh.
     pub fn is_labels_alone(self) -> bool {
         matches!(self, Self::Seg | Self::Npy)
     }
 
-    /// Writes `labelling` in this form to `path`; the `mesh` may be missing where the form
-    /// [is labels alone](Self::is_labels_alone).
+    /// Writes `labelling` in this format to `path`; the `mesh` may be omitted if the format [contains only
+    /// labels](Self::is_labels_alone).
     ///
     /// # Errors
-    /// [`Error::Parameter`] for a form that takes more than a labelling (a table of parts, a page), is not compiled in,
-    /// or needs the mesh that is missing; those of the form's own writer.
+    /// [`Error::Parameter`] for a format that needs more than a labelling (a table of parts, a page), is not compiled
+    /// in, or needs the missing mesh; those of the format's own writer.
     pub fn write(
         self,
         path: &Path,
@@ -102,7 +102,7 @@ impl Form {
     }
 }
 
-/// That no form is written to `path`.
+/// The error for a `path` without a known format.
 pub(crate) fn unknown(path: &Path) -> Error {
     let problem = format!("{}: its ending names no known form", path.display());
     let remedy = "end it with .ply, .seg, .npy, .obj or .glb (.png and .parquet with their features), \
@@ -110,7 +110,7 @@ pub(crate) fn unknown(path: &Path) -> Error {
     Error::parameter("path", problem, remedy)
 }
 
-/// Choices that a `.ply` and a folder of parts leave.
+/// Options for a `.ply` and a folder of parts.
 ///
 /// ```
 /// use nystrom_stream::SaveOptions;
@@ -121,9 +121,9 @@ pub(crate) fn unknown(path: &Path) -> Error {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct SaveOptions {
-    /// Of a `.ply`.
+    /// For a `.ply`.
     pub ply: PlyOptions,
-    /// Of a folder of parts.
+    /// For a folder of parts.
     pub folder: Folder,
 }
 
@@ -134,7 +134,7 @@ impl Default for SaveOptions {
 }
 
 impl SaveOptions {
-    /// What [`Mesh::save`] writes.
+    /// The defaults of [`Mesh::save`].
     pub fn new() -> Self {
         Self::default()
     }
@@ -146,22 +146,22 @@ impl SaveOptions {
         self
     }
 
-    /// Whether vertices of a `.ply` have labels and colours too, for programs that know no properties of faces.
+    /// Whether vertices of a `.ply` have labels and colours too, for programs that do not read face properties.
     #[must_use]
     pub fn vertex_labels(mut self, wanted: bool) -> Self {
         self.ply.vertex_labels = wanted;
         self
     }
 
-    /// Whether parts share no vertex of a `.ply`, so that colours of vertices end at boundaries.
+    /// Whether parts share no vertex of a `.ply`, so that vertex colours end at boundaries.
     #[must_use]
     pub fn split_vertices(mut self, wanted: bool) -> Self {
         self.ply.split_vertices = wanted;
         self
     }
 
-    /// Whether triangles of a `.ply` are split where smooth boundaries cross them ([`crate::mesh::split_faces`]); not
-    /// together with the two choices for vertices.
+    /// Whether triangles of a `.ply` are split where smooth boundaries cross them ([`crate::mesh::split_faces`]);
+    /// cannot be combined with the two vertex options.
     #[must_use]
     pub fn split_faces(mut self, wanted: bool) -> Self {
         self.ply.split_faces = wanted;
@@ -175,14 +175,14 @@ impl SaveOptions {
         self
     }
 
-    /// What the files of a folder are.
+    /// The format of the files in a folder.
     #[must_use]
     pub fn part_form(mut self, form: PartForm) -> Self {
         self.folder.form = form;
         self
     }
 
-    /// Refuses choices for another form than the one that is written.
+    /// Rejects options that do not apply to the chosen format.
     ///
     /// # Errors
     /// [`Error::Parameter`].

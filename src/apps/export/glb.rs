@@ -1,12 +1,12 @@
 //! A scene in one file for browsers, Blender and game engines: binary glTF 2.0, one node, mesh and material per part.
 //!
-//! Nodes are named "part 0" and so on and carry label, area and number of faces, so that parts are objects of their
-//! own where the scene is opened. All share the vertices, which are written once; each has its own indices (32 bits),
-//! so a triangle costs 12 bytes and a vertex 12, or 24 with its normal. Normals are written where the surface is
-//! smooth; without them, as of a box, programs draw faces flat. Polygons become triangles, in the order of the
-//! file. Faces with a coordinate that is no finite number are left out: the format has none. Double coordinates are
-//! written relative to their middle, which the node's translation adds again. Cost: one pass over the vertices and one
-//! per part over the labels; [`PER_PART`] bytes per part, from the budget.
+//! Nodes are named "part 0" and so on and have label, area and number of faces, so that parts are separate objects
+//! where the scene is opened. All share the vertices, which are written once; each has its own indices (32 bits), so a
+//! triangle costs 12 bytes and a vertex 12, or 24 with its normal. Normals are written if the surface is smooth;
+//! without them, as for a box, programs draw faces flat. Polygons become triangles, in file order. Faces with a
+//! non-finite coordinate are omitted, since the format does not allow them. Double coordinates are written relative to
+//! their centre, which the node's translation adds again. Cost: one pass over the vertices and one per part over the
+//! labels; [`PER_PART`] bytes per part, from the budget.
 
 use super::{CHUNK, parts};
 use crate::apps::vertex_sums::VertexSums;
@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
 
-/// Bytes that a file may have: its header counts them in 32 bits.
+/// Maximum size of a file in bytes: its header stores it in 32 bits.
 pub const MOST: u64 = u32::MAX as u64;
 
 /// Component types and targets of glTF.
@@ -32,11 +32,11 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// Diagonal of a mesh below which its coordinates have less than seven digits as floats.
 const LEAST: f64 = 1e-38;
-/// Share of the area at creases beyond which faces are drawn flat.
+/// Share of the area at creases above which faces are drawn flat.
 const FLAT: f64 = 0.05;
-/// Bytes that the entries of a part take: as lists, and once more in the whole text.
+/// Bytes for the entries of a part: as lists, and once more in the whole text.
 const PER_PART: u64 = 2048;
-/// Vertices a chunk.
+/// Vertices per chunk.
 const VERTICES: usize = 1 << 14;
 
 /// Writes the scene to `path`, by rename.
@@ -53,8 +53,8 @@ const VERTICES: usize = 1 << 14;
 /// ```
 ///
 /// # Errors
-/// [`Error::Unusable`] for a mesh whose file would pass [`MOST`] (some 230 million triangles), without a face in
-/// space, or too small for floats; [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`];
+/// [`Error::Unusable`] for a mesh whose file would exceed [`MOST`] (some 230 million triangles), without a finite face,
+/// or too small for floats; [`Error::Parameter`] for labels that do not match the faces; [`Error::Io`];
 /// [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
@@ -66,7 +66,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     let vertices = mesh.positions.len() as u64;
     let bytes = VertexSums::bytes(mesh);
     let grant = run.budget.take("normals of the scene", bytes, bytes);
-    // What is written with the normals has to fit, too.
+    // The size must also fit with normals.
     let fits = 24 * vertices + 12 * scene.triangles.iter().sum::<u64>() + (1 << 20) * (1 + parts as u64) < MOST;
     if fits && grant.is_ok() {
         let sums = VertexSums::of(mesh, run)?;
@@ -106,7 +106,7 @@ impl List {
     }
 }
 
-/// `text` filled up to a multiple of four bytes.
+/// `text` padded to a multiple of four bytes.
 fn padded(mut text: String) -> String {
     while !text.len().is_multiple_of(4) {
         text.push(' ');
@@ -114,11 +114,11 @@ fn padded(mut text: String) -> String {
     text
 }
 
-/// A part of sRGB as a linear factor, which materials have.
+/// One sRGB channel as a linear factor, as used in materials.
 fn linear(part: u8) -> f64 {
     let part = f64::from(part) / 255.;
     let value = if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) };
-    // Six digits tell all 256 apart and keep the file the same on every machine.
+    // Six digits distinguish all 256 values and keep the file the same on every machine.
     (value * 1e6).round() / 1e6
 }
 
@@ -126,11 +126,11 @@ struct Scene<'a> {
     mesh: &'a Mesh,
     labelling: &'a Labelling<'a>,
     run: &'a Run<'a>,
-    /// What is added to all positions again.
+    /// The translation that is added to all positions again.
     middle: [f64; 3],
-    /// Whether floats cannot tell its vertices apart.
+    /// Whether floats cannot distinguish its vertices.
     is_tiny: bool,
-    /// Whether every vertex is in space, so that no face need be looked at for it.
+    /// Whether every vertex is finite, so that faces need not be checked.
     whole: bool,
     low: [f32; 3],
     high: [f32; 3],
@@ -138,12 +138,12 @@ struct Scene<'a> {
     triangles: Vec<u64>,
     faces: Vec<u64>,
     area: Vec<f64>,
-    /// Of the vertices, where the surface is smooth.
+    /// Normals of the vertices, if the surface is smooth.
     normals: Option<VertexSums>,
 }
 
 impl<'a> Scene<'a> {
-    /// Looks at all vertices and faces.
+    /// Examines all vertices and faces.
     fn of(mesh: &'a Mesh, labelling: &'a Labelling, parts: usize, run: &'a Run) -> Result<Self> {
         let mut scene = Self {
             mesh,
@@ -197,7 +197,7 @@ impl<'a> Scene<'a> {
         Ok(scene)
     }
 
-    /// Where vertex `v` is written; what is nowhere is put in the middle, where no face uses it.
+    /// The position of vertex `v` in the file; a non-finite vertex is put in the centre, as no written face uses it.
     fn place(&self, v: u32) -> [f32; 3] {
         let p = self.mesh.positions.get(v);
         let p = [0, 1, 2].map(|k| (p[k] - self.middle[k]) as f32);
@@ -209,7 +209,7 @@ impl<'a> Scene<'a> {
         (0..3).all(|k| ((p[k] - self.middle[k]) as f32).is_finite())
     }
 
-    /// Calls `visit` with every face of `range` that is in space.
+    /// Calls `visit` with every finite face of `range`.
     fn each(&self, range: std::ops::Range<usize>, mut visit: impl FnMut(usize, &[u32])) {
         self.mesh.faces.for_each(range, |face, corners| {
             if self.whole || corners.iter().all(|&v| self.is_in_space(v)) {
@@ -218,7 +218,7 @@ impl<'a> Scene<'a> {
         });
     }
 
-    /// The scene's description. Entries are text at once: as values they take ten times as much.
+    /// The scene's description. Entries are text from the start: JSON values would take ten times as much memory.
     fn json(&self) -> String {
         let vertices = self.mesh.positions.len() as u64;
         let (mut views, mut accessors) = (List::default(), List::default());
@@ -284,7 +284,7 @@ impl<'a> Scene<'a> {
         }
         if let Some(normals) = &self.normals {
             for v in 0..self.mesh.positions.len() as u32 {
-                // A vertex without a face has no normal, and the format none that is no direction.
+                // A vertex without a face has no normal, but the format requires a unit vector.
                 let normal = normals.normal(v).filter(|normal| *normal != [0.; 3]).unwrap_or([0., 0., 1.]);
                 out.buffer.extend_from_slice(bytemuck::cast_slice(&normal.map(|x| (x as f32).to_bits().to_le())));
                 out.settle()?;
@@ -309,7 +309,7 @@ impl<'a> Scene<'a> {
                         out.buffer.extend_from_slice(bytemuck::cast_slice(&triangle.map(u32::to_le)));
                     };
                     match *corners {
-                        // Without a look at its positions.
+                        // Without reading its positions.
                         [a, b, c] => write([a, b, c]),
                         _ => self.mesh.triangles(corners, |triangle, _| write(triangle)),
                     }

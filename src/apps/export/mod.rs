@@ -1,8 +1,8 @@
-//! Results in other programs' forms: a table (`parquet`), a scene ([`glb`]), a mesh with groups ([`obj`]), one mesh
-//! per part ([`split`]). [`form`] says which ending of a name chooses which.
+//! Results in other programs' formats: a table (`parquet`), a scene ([`glb`]), a mesh with groups ([`obj`]), one mesh
+//! per part ([`split`]). [`form`] maps file extensions to them.
 //!
-//! All stream: what is held does not grow with the mesh, but for one bit per vertex in [`split`], and the edges of a
-//! part where parts are closed, which the budget grants. Files appear whole or not at all.
+//! All of them stream: memory does not grow with the mesh, except for one bit per vertex in [`split`], and the edges of
+//! a part if parts are closed, which come from the budget. Files appear complete or not at all.
 
 mod caps;
 pub mod form;
@@ -17,13 +17,13 @@ pub use form::{Form, SaveOptions};
 use crate::base::{Error, Result};
 use crate::mesh::{Labelling, Mesh};
 
-/// Faces between two looks at the stop flag.
+/// Faces between two checks of the stop flag.
 const CHUNK: usize = 1 << 16;
 
-/// Parts that get a file or a primitive each, at the most.
+/// Maximum number of parts that get a file or a primitive each.
 const PARTS: usize = 1 << 16;
 
-/// How many parts there are: a colour each, or as the labels say; refuses labels that do not fit the faces.
+/// The number of parts: one per colour, or according to the labels; rejects labels that do not match the faces.
 fn parts(mesh: &Mesh, labelling: &Labelling) -> Result<usize> {
     labelling.fit(mesh.faces.len())?;
     let most = labelling.labels.iter().max().map_or(0, |&label| label as usize + 1);

@@ -1,10 +1,10 @@
 //! Wavefront OBJ with one object and group per part, `part_0` or its name.
 //!
-//! Of an OBJ input everything that faces use stays: positions with their colours, texture coordinates, normals,
-//! materials and smoothing groups, each line as it stands; its own groups give way to those of the parts. A mesh of
-//! another format, or one without materials, gets a material per part in the colours of the labels, in a `.mtl` beside
-//! the `.obj`. Cost: one pass over the vertices and one per part over the labels; of an OBJ input two passes over its
-//! text, and 24 bytes per face, 48 where numbers count backwards, in memory or in a temporary file.
+//! If the input is an OBJ, everything that faces use is kept: positions with their colours, texture coordinates,
+//! normals, materials and smoothing groups, each line verbatim; its own groups are replaced by those of the parts. A
+//! mesh of another format, or one without materials, gets a material per part in the colours of the labels, in a `.mtl`
+//! beside the `.obj`. Cost: one pass over the vertices and one per part over the labels; for an OBJ input two passes
+//! over its text, and 24 bytes per face, 48 if numbers are relative, in memory or in a temporary file.
 
 use super::split::plain_name;
 use super::{CHUNK, parts};
@@ -21,23 +21,23 @@ use std::io::{Read as _, Write as _};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 
-/// What a file of our materials begins with.
+/// First line of a material file written by this program.
 const OURS: &str = "# colours of parts, by nystrom-stream\n";
-/// A material that no library has, after which faces are as before the first `usemtl`.
+/// A material that no library contains; it resets faces to the state before the first `usemtl`.
 const NO_MATERIAL: &[u8] = b"usemtl no_material";
 
 /// The text of an OBJ input, with its faces.
 struct Source<'a> {
     bytes: &'a [u8],
-    /// For each face (n, 3) where its line begins, and one more than where those of the `usemtl` and `s` in force do;
-    /// 0: none yet.
+    /// For each face (n, 3) the offset of its line, and the offsets plus one of the `usemtl` and `s` lines in force; 0:
+    /// none yet.
     lines: MappedSlice<u64>,
-    /// How many v, vt and vn come before it (n, 3), where any face counts back from them.
+    /// The number of v, vt and vn before each face (n, 3), if any face uses relative numbers.
     counts: Option<MappedSlice<u64>>,
     has_materials: bool,
 }
 
-/// The numbers of a face's corners, absolute where they count back from the `counts` of v, vt and vn so far.
+/// The corner numbers of a face, with relative ones made absolute by the `counts` of v, vt and vn so far.
 fn absolute(text: &[u8], counts: [u64; 3], out: &mut Vec<u8>) {
     out.push(b'f');
     for word in text.split(|&byte| byte <= b' ' || byte == b'\\').filter(|word| !word.is_empty()).skip(1) {
@@ -61,7 +61,7 @@ fn three(numbers: &[u64], face: usize) -> [u64; 3] {
 }
 
 impl<'a> Source<'a> {
-    /// The faces of the text `bytes`; nothing where they are not `n`, since it is not the mesh then.
+    /// The faces of the text `bytes`; `None` if there are not `n`, since it is then another mesh.
     fn of(bytes: &'a [u8], n: usize, work: &WorkDir, run: &Run) -> Result<Option<Self>> {
         let mut lines = work.array::<u64>("lines.npy", &[n, 3])?;
         let mut relative: Option<ArrayMut<u64>> = None;
@@ -101,12 +101,12 @@ impl<'a> Source<'a> {
         Ok(Some(Self { bytes, lines: lines.finish(false)?, counts, has_materials: in_force[0] > 0 }))
     }
 
-    /// The statement that begins at `start`.
+    /// The statement that starts at `start`.
     fn statement(&self, start: u64) -> &'a [u8] {
         statements(&self.bytes[start as usize..]).next().map_or(&[][..], |(_, text)| text)
     }
 
-    /// Appends the line of `face`, which begins at `start`.
+    /// Appends the line of `face`, which starts at `start`.
     fn line(&self, face: usize, start: u64, out: &mut Vec<u8>) {
         let text = self.statement(start);
         match self.counts.as_ref().filter(|_| text.contains(&b'-')) {
@@ -116,7 +116,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Whether the file `path` is one of our materials, or there is none.
+/// Whether the file `path` does not exist or is one of our material files.
 fn is_free(path: &Path) -> bool {
     let mut begin = vec![0; OURS.len()];
     match std::fs::File::open(path) {
@@ -125,14 +125,14 @@ fn is_free(path: &Path) -> bool {
     }
 }
 
-/// Where the materials of the OBJ file `path` go: not over a file of somebody else's.
+/// The material file of the OBJ file `path`: never overwrites one of another program.
 fn material_file(path: &Path) -> PathBuf {
     let endings = (2..).map(|k| format!("parts{k}.mtl"));
     let all = ["mtl".to_string(), "parts.mtl".into()].into_iter().chain(endings).map(|end| path.with_extension(end));
     all.take(1000).find(|place| is_free(place)).unwrap_or_else(|| path.with_extension("mtl"))
 }
 
-/// The names of objects, no two alike: with its number after it where another part has the name of a part.
+/// The names of objects, all different: a number is appended if another part has the same name.
 fn names(parts: usize, labelling: &Labelling) -> Vec<String> {
     let mut taken = BTreeSet::new();
     let free = |part: usize| {
@@ -148,11 +148,11 @@ fn names(parts: usize, labelling: &Labelling) -> Vec<String> {
     (0..parts).map(free).collect()
 }
 
-/// Writes `path`, by rename, and where the input has no materials the file of the same name with `.mtl` before it; with
-/// `.parts.mtl` and a note where that is somebody else's.
+/// Writes `path`, by rename, and, if the input has no materials, the file of the same name with `.mtl`; if that belongs
+/// to another program, `.parts.mtl` with a note.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Io`]; [`Error::Cancelled`].
+/// [`Error::Parameter`] for labels that do not match the faces; [`Error::Io`]; [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
     let n = mesh.faces.len();
@@ -174,7 +174,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
             let mut text = String::from(OURS);
             for part in 0..parts {
                 let colour = labelling.colours.get(part).copied().unwrap_or([128; 3]);
-                // Rounded up, since MeshLab rounds down when it makes bytes of them.
+                // Rounded up, since MeshLab rounds down when it converts them to bytes.
                 let [r, g, b] = colour.map(|part| (f64::from(part) / 255. * 1e6).ceil() / 1e6);
                 text += &format!("newmtl part_{part}\nKd {r:.6} {g:.6} {b:.6}\nKa 0 0 0\nKs 0 0 0\nd 1\nillum 1\n");
             }
@@ -200,8 +200,8 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     })
 }
 
-/// The files that the words after `mtllib` name in `folder`: one, if there is such a file, with blanks in its name. A
-/// remark may follow them. Names are bytes: files of other programs may be in any encoding.
+/// The files in `folder` named by the words after `mtllib`: a single one if such a file exists, with blanks in its
+/// name. A comment may follow. Names are bytes: files of other programs may be in any encoding.
 fn libraries(names: &[u8], folder: &Path) -> Vec<PathBuf> {
     let place = |name: &[u8]| folder.join(OsStr::from_bytes(name.trim_ascii()));
     let plain = names.windows(2).position(|two| two == b" #").map_or(names, |at| &names[..at]);
@@ -210,7 +210,7 @@ fn libraries(names: &[u8], folder: &Path) -> Vec<PathBuf> {
     whole.map_or_else(|| words().map(place).collect(), |place| vec![place])
 }
 
-/// Everything of the input but faces and what is said of them; libraries of materials only where faces have some.
+/// Everything in the input except faces and their attributes; material libraries only if faces use materials.
 fn vertices_of(source: &Source, from: &Path, to: &Path, out: &mut Gather, run: &Run) -> Result<()> {
     let folder = |path: &Path| std::path::absolute(path).ok().and_then(|path| path.parent().map(Path::to_path_buf));
     for (k, (keyword, text)) in statements(source.bytes).enumerate() {
@@ -219,7 +219,7 @@ fn vertices_of(source: &Source, from: &Path, to: &Path, out: &mut Gather, run: &
         }
         match keyword {
             b"mtllib" if !source.has_materials => {}
-            // From another folder, the materials and their pictures are found where they lie.
+            // In another folder, materials and their textures must still be found at their original location.
             b"mtllib" if folder(from) != folder(to) => {
                 for place in libraries(&text[keyword.len()..], &folder(from).unwrap_or_default()) {
                     out.buffer.extend_from_slice(&[b"mtllib ", place.as_os_str().as_bytes(), b"\n"].concat());
@@ -248,12 +248,12 @@ fn vertices(mesh: &Mesh, out: &mut Gather) -> Result<()> {
     Ok(())
 }
 
-/// Writes the faces of parts, one line each, after the statements of the input that hold for them.
+/// Writes the faces of parts, one line each, after the statements of the input that apply to them.
 struct ObjParts<'a> {
     mesh: &'a Mesh,
     labelling: &'a Labelling<'a>,
     source: Option<&'a Source<'a>>,
-    /// Whether each part gets a material of ours.
+    /// Whether parts get our own materials.
     own: bool,
     /// The `usemtl` and `s` that were written last, as in [`Source::lines`].
     in_force: [u64; 2],
@@ -280,13 +280,14 @@ impl ObjParts<'_> {
         Ok(())
     }
 
-    /// Writes a face, and before it what holds for it; that again where it is the `first` of its part.
+    /// Writes a face, preceded by the statements that apply to it, if they changed or the face is the `first` of its
+    /// part.
     fn face(&mut self, face: usize, first: bool, out: &mut Gather) {
         if let Some(source) = self.source {
             let [start, holding @ ..] = three(&source.lines, face);
             for (k, none) in [NO_MATERIAL, b"s off"].into_iter().enumerate().skip(usize::from(self.own)) {
                 let (now, before) = (holding[k], self.in_force[k]);
-                // What was never set needs no end.
+                // A statement that was never set needs no reset.
                 if now != before || first && now > 0 {
                     out.buffer.extend_from_slice(if now > 0 { source.statement(now - 1) } else { none });
                     out.buffer.push(b'\n');
@@ -323,12 +324,12 @@ mod tests {
         let out = dir.path().join("out.obj");
         let labelling = Labelling { labels, colours: &[[255, 0, 0], [0, 0, 255]], quality: None, names: &[] };
         write(&out, &mesh, &labelling, &run).unwrap();
-        // It reads back as the same faces, in the order of the parts.
+        // It is read back as the same faces, in the order of the parts.
         assert_eq!(Mesh::open(&out).unwrap().faces.len(), mesh.faces.len());
         (std::fs::read_to_string(&out).unwrap(), std::fs::read_to_string(dir.path().join("out.mtl")).ok())
     }
 
-    /// Material and smoothing group of each face of an OBJ text, by its line; none where there is none, or no such
+    /// Material and smoothing group of each face of an OBJ text, keyed by its line; `None` if there is none, or no such
     /// material in a library.
     fn in_force(text: &str) -> Vec<(&str, Option<&str>, Option<&str>)> {
         let (mut material, mut smoothing, mut all) = (None, None, Vec::new());
@@ -346,7 +347,7 @@ mod tests {
 
     #[test]
     fn faces_before_the_first_statement_keep_having_none() {
-        // Regression: such faces had the material and the smoothing group of the face that was written before them.
+        // Regression: such faces had the material and the smoothing group of the previously written face.
         let fan: String = (0..12).map(|k| format!("v {k} {} 0\n", k * k)).collect();
         let face = |k: usize| format!("f 1 {} {}\n", k + 2, k + 3);
         let [a, b, c, d, e] = [0, 2, 4, 6, 8].map(|k| face(k) + &face(k + 1));
@@ -368,7 +369,7 @@ mod tests {
 
     #[test]
     fn every_library_of_a_line_is_found_from_another_folder() {
-        // Regression: only the first of them was.
+        // Regression: only the first of them was used.
         let dir = tempfile::tempdir().unwrap();
         let place = |name: &str| dir.path().join(name);
         assert_eq!(libraries(b" a.mtl  b.mtl", dir.path()), [place("a.mtl"), place("b.mtl")]);
@@ -382,7 +383,7 @@ mod tests {
 
     #[test]
     fn materials_with_a_hash_in_their_names_stay_apart() {
-        // Regression: names ended at the hash, so that all such materials were one, which no library had.
+        // Regression: names ended at the hash, so that all such materials became one, which no library had.
         let text = "mtllib a#1.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nusemtl Material #1\nf 1 2 3\n\
              usemtl Material #2\nf 2 4 3\n";
         let (out, _) = written("scan.obj", text, &[0, 0]);
@@ -392,7 +393,7 @@ mod tests {
 
     #[test]
     fn materials_of_others_are_not_written_over() {
-        // Regression: a file x.mtl that nobody had named was gone after -o x.obj.
+        // Regression: an unrelated file x.mtl was overwritten when x.obj was written.
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("x.obj");
         let mesh = Mesh::from_slices(&[[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.]], &[[0u32, 1, 2]]).unwrap();
@@ -455,7 +456,7 @@ mod tests {
         assert!(own.unwrap().contains("newmtl part_1\nKd 0.000000 0.000000 1.000000\n"));
     }
 
-    /// Readers took a library that no face uses for ours, and a name that is not UTF-8 was destroyed.
+    /// Regression: a library that no face uses was taken for ours, and a name that is not UTF-8 was corrupted.
     #[test]
     fn libraries_are_those_of_the_materials_byte_for_byte() {
         let text = "mtllib in.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n";

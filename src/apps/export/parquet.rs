@@ -1,9 +1,9 @@
-//! A table of the faces as Parquet, for DuckDB, pandas, Polars, Spark; and the writer that other tables use.
+//! A Parquet table of the faces, for DuckDB, pandas, Polars, Spark; and the writer used for other tables.
 //!
-//! One row per face in the order of the file: `face`, `label` (unsigned, 32 bits), `area` (in the square of the file's
-//! unit), `centroid_x`, `centroid_y`, `centroid_z`, `quality` where there is one, and `embedding_0` … where it is
-//! given. Rows are written in groups of [`GROUP`]. The columns of a group are encoded side by side, as many at a time
-//! as there are threads: 32 bytes per row of a group are held, and 24 per thread. About 45 bytes per face on disk.
+//! One row per face in file order: `face`, `label` (unsigned, 32 bits), `area` (in the squared unit of the file),
+//! `centroid_x`, `centroid_y`, `centroid_z`, `quality` if there is one, and `embedding_0` … if given. Rows are written
+//! in groups of [`GROUP`]. The columns of a group are encoded in parallel, as many at a time as there are threads:
+//! memory is 32 bytes per row of a group, and 24 per thread. About 45 bytes per face on disk.
 
 use crate::base::vector::{area, finite};
 use crate::base::{Error, Result};
@@ -25,38 +25,38 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Rows of a group: enough for readers to skip and share out, few enough to hold.
+/// Rows per group: enough for readers to skip and to parallelise, few enough to hold in memory.
 pub const GROUP: usize = 1 << 18;
 
-/// Rows that a thread measures, or gives to an encoder, at a time.
+/// Rows that a thread measures, or passes to an encoder, at a time.
 const CHUNK: usize = 1 << 14;
 
 type Out<'a> = BufWriter<&'a mut File>;
 
-/// Bytes that a thread holds per row of a group, of what the encoder makes of a column.
+/// Bytes per row of a group and thread for the encoder's output of a column.
 const BYTES_PER_THREAD: u64 = 24;
 
-/// `run` on as many threads as the budget has room for in groups of a table of `rows`, and what it grants: `held` bytes
-/// per row of a group and [`BYTES_PER_THREAD`].
+/// `run` on as many threads as the budget has room for in groups of a table of `rows`, and the grant: `held` bytes per
+/// row of a group plus [`BYTES_PER_THREAD`] per thread.
 ///
 /// # Errors
-/// [`Error::Memory`] where there is no room for one.
+/// [`Error::Memory`] if there is no room for one thread.
 pub fn threads_for_groups<'a>(rows: usize, held: u64, run: &Run<'a>) -> Result<(Run<'a>, Grant)> {
     let [held, each] = [held, BYTES_PER_THREAD].map(|bytes| bytes * GROUP.min(rows) as u64);
     run.some_threads("a group of rows", held, each)
 }
 
-/// A file under way.
+/// A file being written.
 pub struct Writer<'a> {
     path: &'a Path,
     properties: WriterPropertiesPtr,
     inner: SerializedFileWriter<Out<'a>>,
 }
 
-/// A column of a group of rows: it gives its values to a writer.
+/// A column of a group of rows: passes its values to a writer.
 pub type Column<'a> = Box<dyn Fn(&mut ColumnWriter<'_>) -> Result<(), ParquetError> + Sync + 'a>;
 
-/// The column of the values that `values` tells.
+/// A column of `values`.
 pub fn column<'a, T: DataType, V: Iterator<Item = T::T>>(values: impl Fn() -> V + Sync + 'a) -> Column<'a> {
     Box::new(move |writer| {
         let (mut values, mut some) = (values(), Vec::with_capacity(CHUNK));
@@ -85,7 +85,7 @@ fn wrong(path: &Path) -> impl Fn(ParquetError) -> Error {
 }
 
 impl<'a> Writer<'a> {
-    /// Starts `file`, which will be `path`, with columns of the given message type.
+    /// Starts `file`, whose path is `path`, with columns of the given message type.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -142,8 +142,8 @@ pub struct Coordinates<'a> {
     pub dimensions: usize,
 }
 
-/// Area and centroid of a polygon, as [triangles](polygon::triangles); of one without area, the mean of its corners.
-/// One with a corner whose coordinates are not finite has none, and the mean is that of the others.
+/// Area and centroid of a polygon, as [triangles](polygon::triangles); without area, the centroid is the mean of the
+/// corners. A polygon with a non-finite corner has no area, and the mean is that of the other corners.
 ///
 /// ```
 /// use nystrom_stream::apps::export::parquet::measure;
@@ -160,7 +160,7 @@ pub fn measure(corners: &[[f64; 3]]) -> (f64, [f64; 3]) {
         return (0., if placed > 0 { mean } else { [f64::NAN; 3] });
     }
     polygon::triangles(corners, |triangle| whole += area(triangle.map(|k| corners[k])));
-    // Moments of very large or small ones leave the doubles.
+    // Moments of very large or very small polygons would overflow or underflow.
     let unit = if (1e-150..1e150).contains(&whole) { 1. } else { whole };
     polygon::triangles(corners, |triangle| {
         let [a, b, c] = triangle.map(|k| corners[k]);
@@ -185,7 +185,7 @@ pub fn measure(corners: &[[f64; 3]]) -> (f64, [f64; 3]) {
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels, qualities or coordinates that do not fit the faces; [`Error::Io`];
+/// [`Error::Parameter`] for labels, qualities or coordinates that do not match the faces; [`Error::Io`];
 /// [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, embedding: Option<Coordinates>, run: &Run) -> Result<()> {
     let n = mesh.faces.len();
@@ -198,7 +198,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, embedding: Option<
     publish(path, 0, |file| FaceTable { path, mesh, labelling, embedding, run: &run }.write(file))
 }
 
-/// What the table is made of.
+/// The data of the table.
 struct FaceTable<'a> {
     path: &'a Path,
     mesh: &'a Mesh,
@@ -225,11 +225,12 @@ impl FaceTable<'_> {
 
     fn write(&self, file: &mut File) -> Result<()> {
         let properties = WriterProperties::builder()
-            // Numbers that hardly repeat make no dictionary; labels do, and faces are counted up.
+            // A dictionary does not pay for numbers that hardly repeat; labels do repeat, and face numbers are
+            // consecutive.
             .set_dictionary_enabled(false)
             .set_column_dictionary_enabled(ColumnPath::from("label"), true)
             .set_column_dictionary_enabled(ColumnPath::from("name"), true)
-            // However long names are, each is written once per group.
+            // Each name is written once per group, however long.
             .set_column_dictionary_page_size_limit(ColumnPath::from("name"), usize::MAX)
             .set_column_encoding(ColumnPath::from("face"), Encoding::DELTA_BINARY_PACKED);
         let schema = self.schema();
@@ -285,7 +286,7 @@ impl FaceTable<'_> {
 mod tests {
     use super::*;
 
-    /// Their areas were no numbers, and no sum over a table was.
+    /// Regression: their areas were NaN, and so was any sum over a table.
     #[test]
     fn polygons_of_any_size_and_without_a_place_are_measured() {
         let square = [[0., 0., 0.], [2., 0., 0.], [2., 1., 0.], [0., 1., 0.]];
@@ -300,7 +301,7 @@ mod tests {
         assert!(area == 0. && (centroid[0] - 4. / 3.).abs() < 1e-12 && (centroid[1] - 1. / 3.).abs() < 1e-12);
         assert_eq!(measure(&[[f64::INFINITY; 3]; 3]).0, 0.);
     }
-    /// A name was copied for each face of its part, and beyond a mebibyte of names written so as well.
+    /// Regression: a name was copied for each face of its part, and beyond a mebibyte of names also written that way.
     #[test]
     fn each_name_is_written_once() {
         let faces = vec![[0, 1, 2]; 60];

@@ -1,11 +1,11 @@
-//! One mesh per part: `part_000.ply` … in a folder, each with the vertices it uses and its open
-//! borders where it was cut off.
+//! One mesh per part: `part_000.ply` … in a folder, each with the vertices that it uses and open borders where it was
+//! cut off.
 //!
 //! Faces keep their corners' order and winding and get `int original_face`, their number in the input, `int label`,
 //! colour and quality; positions keep their precision. The files can be binary STL instead, for programs that read
 //! nothing else. On request parts are closed ([`caps`](super::caps)); triangles of caps have the `original_face` −1 and
-//! the quality 0. The list `parts.json`, written last, names the files. One bit per vertex and a count every [`BLOCK`]
-//! of them tell which vertices a part uses and their new numbers; one pass per part over the labels.
+//! the quality 0. The list `parts.json`, written last, names the files. One bit per vertex and a count per [`BLOCK`] of
+//! them encode which vertices a part uses and their new numbers; one pass per part over the labels.
 
 use super::caps::{Caps, Corner, EdgesAtCuts};
 use super::{CHUNK, parts};
@@ -22,28 +22,28 @@ use std::path::Path;
 
 /// The list of the parts' files.
 pub const LIST: &str = "parts.json";
-/// Bytes of a name in a file's name at the most.
+/// Maximum number of bytes of a name within a file name.
 const LONGEST: usize = 200;
-/// Vertices of a word.
+/// Vertices per word.
 const BLOCK: usize = 64;
-/// A step between floats, in mean edges, that shows.
+/// Spacing of floats, in mean edges, above which the loss of precision is visible.
 const LOST: f64 = 0.01;
 
-/// What the files of a folder are.
+/// The format of the files in a folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PartForm {
     /// Little-endian PLY.
     Binary,
-    /// PLY of text.
+    /// Text PLY.
     Text,
-    /// Binary STL: triangles alone, coordinates as floats.
+    /// Binary STL: only triangles, coordinates as floats.
     Stl,
 }
 
-/// How a folder of parts is written.
+/// Options for a folder of parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Folder {
-    /// What its files are.
+    /// The format of its files.
     pub form: PartForm,
     /// Whether parts are closed where they were cut off, and at holes.
     pub cap: bool,
@@ -55,8 +55,8 @@ impl From<PartForm> for Folder {
     }
 }
 
-/// `name` as any file system takes it: letters and digits stay, as many as fit into 255 bytes together with what stands
-/// around them and `.partial`.
+/// `name` made safe for any file system: letters and digits are kept, as many as fit into 255 bytes together with the
+/// rest of the file name and `.partial`.
 pub(super) fn plain_name(name: Option<&str>) -> String {
     let plain = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
     let mut bytes = 0;
@@ -68,29 +68,29 @@ pub(super) fn plain_name(name: Option<&str>) -> String {
     name.trim_matches('_').to_string()
 }
 
-/// The name of the file of a part, which may have a name: `part_003.ply`, `part_003_left_arm.ply`.
+/// The file name of a part, which may have a name: `part_003.ply`, `part_003_left_arm.ply`.
 pub fn file_name(part: usize, name: Option<&str>, form: PartForm) -> String {
     let (name, ending) = (plain_name(name), if form == PartForm::Stl { "stl" } else { "ply" });
     format!("part_{part:03}{}{name}.{ending}", if name.is_empty() { "" } else { "_" })
 }
 
-/// Whether a folder of parts may have a file called `name`: its list, or the file of a part.
+/// Whether a folder of parts may contain a file called `name`: its list, or the file of a part.
 pub fn is_file_name(name: &str) -> bool {
     name == LIST || is_of_part(name)
 }
 
-/// Whether the file of a part may be called `name`.
+/// Whether `name` can be the file of a part.
 fn is_of_part(name: &str) -> bool {
     let number = name.strip_prefix("part_").map_or("", |rest| rest.split(['_', '.']).next().unwrap_or_default());
     let numbered = number.len() > 2 && number.bytes().all(|byte| byte.is_ascii_digit());
     numbered && (ends_with(name.as_ref(), "ply") || ends_with(name.as_ref(), "stl"))
 }
 
-/// Writes all parts that have faces to `folder`, which is made if missing, as files of one form. Files of an earlier,
-/// finer cut stay there; a note says so, and another one which parts the caps did not make solids.
+/// Writes all parts that have faces to `folder`, which is created if missing, as files of one format. Files of an
+/// earlier, finer cut stay there; a note says so, and another one names the parts that are not solids despite caps.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] where the budget has no room for a bit
+/// [`Error::Parameter`] for labels that do not match the faces; [`Error::Memory`] if the budget has no room for a bit
 /// per vertex, or for the edges of a part that is to be closed; [`Error::Io`]; [`Error::Cancelled`].
 pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<Folder>, run: &Run) -> Result<()> {
     let Folder { form, cap } = form.into();
@@ -99,7 +99,7 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
     let _grant = run.budget.take("vertices of a part", 12 * words as u64, 12 * words as u64)?;
     std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
     let list = folder.join(LIST);
-    // Without the list the folder is not whole.
+    // A missing list marks the folder as incomplete.
     if list.exists() {
         std::fs::remove_file(&list).map_err(Error::io(&list, "remove"))?;
     }
@@ -144,7 +144,7 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
         listed.push(entry);
         files.insert(name);
     }
-    // A value prints itself, indented under `#`, and cannot fail to.
+    // Formatting a JSON value cannot fail; `#` indents it.
     let listed = json!({"faces": mesh.faces.len(), "parts": listed});
     publish(&list, 0, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
     if !open.is_empty() {
@@ -168,26 +168,26 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
     Ok(())
 }
 
-/// Whether `folder` has files of parts besides `files`.
+/// Whether `folder` has files of parts other than `files`.
 fn others(folder: &Path, files: &BTreeSet<String>) -> bool {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
     names.filter(|name| is_of_part(name)).any(|name| !files.contains(&name))
 }
 
-/// What the triangles of an STL lose, whose coordinates are floats.
+/// The loss of precision of an STL's triangles, whose coordinates are floats.
 #[derive(Clone, Copy, Debug, Default)]
 struct Facets {
     /// The greatest coordinate.
     most: f64,
-    /// Sum of the lengths of edges, and how many.
+    /// Sum of the edge lengths, and their number.
     edges: [f64; 2],
-    /// Triangles that are flat or turned over as floats.
+    /// Triangles that become flat or flipped as floats.
     turned: u64,
 }
 
 impl Facets {
-    /// Adds a triangle, which has the corners `written` in the file.
+    /// Adds a triangle, whose corners in the file are `written`.
     fn triangle(&mut self, at: [[f64; 3]; 3], written: [[f32; 3]; 3]) {
         self.most = at.iter().flatten().fold(self.most, |most, x| most.max(x.abs()));
         let sum = distance(at[0], at[1]) + distance(at[1], at[2]) + distance(at[2], at[0]);
@@ -202,7 +202,7 @@ impl Facets {
         self.turned += other.turned;
     }
 
-    /// The step between floats at the greatest coordinate, in mean edges, where it is more than [`LOST`].
+    /// The spacing of floats at the greatest coordinate, in mean edges, if it is more than [`LOST`].
     fn lost(&self) -> Option<f64> {
         let step = f64::from(f32::EPSILON) * self.most.max(f64::from(f32::MIN_POSITIVE));
         let share = step / (self.edges[0] / self.edges[1]);
@@ -217,18 +217,18 @@ struct Splitter<'a> {
     run: &'a Run<'a>,
     /// One bit per vertex: whether the part uses it.
     used: Vec<u64>,
-    /// Vertices used before each word.
+    /// Number of used vertices before each word.
     before: Vec<u32>,
 }
 
-/// What a part has.
+/// Counts of a part.
 #[derive(Clone, Copy, Default)]
 struct PartSize {
     faces: u64,
     vertices: u64,
     /// Corners of all faces.
     corners: u64,
-    /// Corners of the face that has most.
+    /// Number of corners of the largest face.
     most_corners: u64,
 }
 
@@ -245,7 +245,8 @@ impl Splitter<'_> {
         Ok(())
     }
 
-    /// What closes `part`, whose faces have so many corners in all; whether places alone tell its edges.
+    /// The caps of `part`, given the number of corners of its faces, and whether edges are identified by positions
+    /// alone.
     fn caps(&self, part: u32, at_cuts: &EdgesAtCuts, size: (u64, bool)) -> Result<Caps> {
         Caps::of(self.mesh, at_cuts, size, self.run, |see| {
             self.each(part, |_, face| {
@@ -281,7 +282,7 @@ impl Splitter<'_> {
         self.before[word] + (self.used[word] & ((1 << bit) - 1)).count_ones()
     }
 
-    /// The part of that size as PLY.
+    /// Writes the part of that size as PLY.
     fn part(&self, part: u32, size: PartSize, caps: &Caps, out: &mut Gather) -> Result<()> {
         let PartSize { faces, vertices, most_corners, .. } = size;
         let (double, count) = (self.mesh.positions.is_double(), Scalar::counting(most_corners.max(3)));
@@ -323,7 +324,7 @@ impl Splitter<'_> {
         Ok(())
     }
 
-    /// The part as binary STL, and what it loses.
+    /// Writes the part as binary STL; returns its loss of precision.
     fn solid(&self, part: u32, caps: &Caps, out: &mut Gather) -> Result<Facets> {
         let mut triangles = caps.triangles.len() as u64;
         self.each(part, |_, corners| {
@@ -389,7 +390,7 @@ mod tests {
         }
     }
 
-    /// Keeps what is told.
+    /// Records notes.
     #[derive(Default)]
     struct Told(Mutex<Vec<String>>);
 
@@ -399,8 +400,8 @@ mod tests {
         }
     }
 
-    /// Two tetrahedra of edges about `size` at `far`, a part each, as a folder of `form` with caps; the list, and
-    /// notes.
+    /// Two tetrahedra with edges of about `size` at `far`, one part each, as a folder of `form` with caps; returns the
+    /// list, and the notes.
     fn folder(
         folder: &Path,
         far: f64,
@@ -425,7 +426,7 @@ mod tests {
 
     #[test]
     fn an_stl_far_from_the_origin_is_told_and_is_no_solid() {
-        // Regression: triangles collapsed without a word, and the list said that the part was solid.
+        // Regression: triangles collapsed silently, and the list said that the part was solid.
         let dir = tempfile::tempdir().unwrap();
         let solids = |list: &serde_json::Value| [0, 1].map(|k| list["parts"][k]["caps"]["solid"] == true);
         let (list, notes) = folder(dir.path(), 5e6, 0.2, &[], PartForm::Stl);
@@ -441,7 +442,7 @@ mod tests {
 
     #[test]
     fn files_of_an_earlier_cut_are_told_whatever_their_names_and_forms() {
-        // Regression: only one file without a name and of the same form was looked for.
+        // Regression: only one file without a name and of the same format was checked.
         let dir = tempfile::tempdir().unwrap();
         let told = |names: &[&str], form| {
             let names: Vec<String> = names.iter().map(ToString::to_string).collect();

@@ -1,12 +1,12 @@
-//! What a mesh and its parts measure: area, volume, box, centroid, principal axes, open edges, and how long the
-//! borders between parts are.
+//! Measurements of a mesh and its parts: area, volume, box, centroid, principal axes, open edges, and lengths of the
+//! borders between parts.
 //!
-//! Faces that share an edge come from the [dual graph](crate::graph), so edges at the same position count as one
-//! whatever their vertices are. One pass over the faces adds up what each part has; a part's volume is given only where
-//! its surface is closed and wound one way. Stray vertices count where they are put ([`Mesh::without_strays`]). Cost:
-//! the graph (60 bytes per face in a work directory or in memory), some 200 ns per face, [`PER_LABEL`] bytes per label
-//! that occurs, 100 per open edge while loops are counted, and 8 per corner of faces of more than [`LONG`] corners and
-//! of their neighbours.
+//! Adjacent faces come from the [dual graph](crate::graph), so edges at the same position count as one whatever their
+//! vertices. One pass over the faces sums up each part; a part's volume is given only if its surface is closed and
+//! consistently wound. Stray vertices count at their repaired positions ([`Mesh::without_strays`]). Cost: the graph (60
+//! bytes per face in a work directory or in memory), some 200 ns per face, [`PER_LABEL`] bytes per distinct label, 100
+//! per open edge while loops are counted, and 8 per corner of faces with more than [`LONG`] corners and of their
+//! neighbours.
 
 mod sums;
 mod table;
@@ -27,16 +27,16 @@ use serde_json::json;
 use std::collections::{BTreeMap, HashMap};
 use sums::{Sums, Unit};
 
-/// Faces a chunk.
+/// Faces per chunk.
 const CHUNK: usize = 1 << 14;
-/// Corners from which a face's edges are looked up.
+/// Number of corners from which a face's edges are found by lookup.
 const LONG: usize = 64;
-/// Bytes that an open edge takes while loops are counted.
+/// Bytes per open edge while loops are counted.
 const OPEN: u64 = 100;
 /// Bytes per label: sums, measures, and a row of a table.
 const PER_LABEL: u64 = 1024;
 
-/// What a whole mesh measures.
+/// Measurements of a whole mesh.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeshMeasures {
     /// Faces with three corners.
@@ -45,52 +45,52 @@ pub struct MeshMeasures {
     pub quads: u64,
     /// Faces with more corners.
     pub polygons: u64,
-    /// Faces with less than three corners, which are no polygons.
+    /// Faces with fewer than three corners, which are not polygons.
     pub incomplete_faces: u64,
     /// Connected components.
     pub components: u64,
-    /// Loops of open edges: holes, and rims of open surfaces. None where memory is too small to count them.
+    /// Loops of open edges: holes, and rims of open surfaces. `None` if memory is too small to count them.
     pub boundary_loops: Option<u64>,
     /// Edges with three faces or more.
     pub nonmanifold_edges: u64,
-    /// Faces without area or with a coordinate that is no number.
+    /// Faces without area or with a non-finite coordinate.
     pub degenerate_faces: u64,
     /// Open edges that lie at exactly the same position as another: texture seams, unwelded vertices.
     pub welded_edges: u64,
-    /// Vertices far outside of the rest.
+    /// Vertices far outside the rest.
     pub stray_vertices: u64,
-    /// Edges where no winding of the faces agrees.
+    /// Edges whose faces cannot be wound consistently.
     pub unoriented_edges: u64,
-    /// The rest, as of a part.
+    /// The other measurements, as for a part.
     #[serde(flatten)]
     pub all: Measures,
 }
 
-/// The mesh, with which face lies where.
+/// The mesh with its adjacency.
 struct Faces<'a> {
     mesh: &'a Mesh,
     labels: Option<&'a [u32]>,
     neighbours: Csr<'a>,
     unit: Unit,
-    /// Whether no face is degenerate, so that none need be looked at for its place in space.
+    /// Whether no face is degenerate, so that faces need not be checked for finite positions.
     whole: bool,
 }
 
-/// Edges around long faces, sorted: where each corner would look at all others, they are looked up.
+/// Sorted edges around long faces, so that each corner is a lookup instead of a comparison with all others.
 #[derive(Default)]
 struct LongFaces {
     /// A long face, and the edges of its neighbours.
     around: Option<(u32, Vec<(u32, u32)>)>,
-    /// The edges of long neighbours.
+    /// The edges of neighbours that are long.
     own: HashMap<u32, Vec<(u32, u32)>>,
 }
 
-/// The ends of an edge, the lesser first.
+/// The ends of an edge, the smaller first.
 fn ends([a, b]: [[u64; 3]; 2]) -> [[u64; 3]; 2] {
     if a < b { [a, b] } else { [b, a] }
 }
 
-/// What a chunk of faces has: sums by label, and the open edges.
+/// The result of a chunk of faces: sums by label, and the open edges.
 type Share = (BTreeMap<u32, Sums>, Vec<[[u64; 3]; 2]>);
 
 impl Faces<'_> {
@@ -98,12 +98,13 @@ impl Faces<'_> {
         self.labels.map_or(0, |labels| labels[face])
     }
 
-    /// Whether all of a face's `corners` lie in space: other faces have no area.
+    /// Whether all `corners` of a face are finite: other faces have no area.
     fn is_in_space(&self, corners: &[u32]) -> bool {
         self.whole || corners.iter().all(|&v| finite(self.mesh.positions.get(v)))
     }
 
-    /// The faces that share an edge with `face`. A bridge leads to another body, which may touch this one.
+    /// The faces that share an edge with `face`. A bridge leads to another body, which may touch this one, but shares
+    /// no edge.
     fn beside(&self, face: usize) -> impl Iterator<Item = u32> {
         let edges = self.neighbours.neighbours(face as u32);
         edges.filter(|(_, length)| *length != 0.).map(|(other, _)| other)
@@ -126,8 +127,8 @@ impl Faces<'_> {
         edges
     }
 
-    /// The neighbour across the edge from `a` to `b` of `face`: one of another label before one of the same, and one
-    /// that is wound the same way before one that is not; and whether it is wound the other way.
+    /// The neighbour across the edge from `a` to `b` of `face`, preferring one of another label, then one of consistent
+    /// winding; also returns whether the winding contradicts.
     fn across(&self, face: usize, [a, b]: [[u64; 3]; 2], long: &mut LongFaces) -> Option<(u32, bool)> {
         let mut found: Option<(u32, bool)> = None;
         let mut look = |other: u32, [before, at]: [[u64; 3]; 2]| {
@@ -191,7 +192,7 @@ impl Faces<'_> {
                         }
                     }
                     Some((other, along)) => {
-                        // Beside a face without a place there is a hole, which has no open edges.
+                        // Next to a face without a position there is a hole, which has no open edges.
                         let is_hole = || {
                             !self.whole && !self.mesh.faces.with(other as usize, |corners| self.is_in_space(corners))
                         };
@@ -208,7 +209,7 @@ impl Faces<'_> {
     }
 }
 
-/// The number of loops that open edges make: connected sets of edges.
+/// The number of loops of open edges: connected sets of edges.
 fn loops(open: &[[[u64; 3]; 2]]) -> u64 {
     let mut numbers = HashMap::new();
     let ends: Vec<[u32; 2]> = open
@@ -225,12 +226,12 @@ fn loops(open: &[[[u64; 3]; 2]]) -> u64 {
     (numbers.len() - joins) as u64
 }
 
-/// The graph of `mesh` in a work directory of its own.
+/// The graph of `mesh` in its own work directory.
 fn graph(mesh: &Mesh, context: Context<'_>) -> Result<DualGraph> {
     DualGraph::build(mesh, mesh.path(), &json!("measures"), context)
 }
 
-/// Sums by label over all faces, and the number of loops where `wants_loops` and memory allows it.
+/// Sums by label over all faces, and the number of loops if `wants_loops` and memory allows it.
 fn sums(
     mesh: &Mesh,
     labels: Option<&[u32]>,
@@ -264,7 +265,7 @@ fn sums(
     Ok((all, grant.map(|_| loops(&open))))
 }
 
-/// Measures `mesh`. The graph goes to the work directory of `context`, which holds no other.
+/// Measures `mesh`. The graph goes to the work directory of `context`, which must not contain another one.
 ///
 /// ```
 /// use nystrom_stream::apps::measure::mesh;
@@ -313,8 +314,8 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
     })
 }
 
-/// Measures the parts 0, 1, … `parts` − 1 of `mesh`, which has a label per face; those without a face measure nothing.
-/// The graph goes to the work directory of `context`, which holds no other.
+/// Measures the parts 0, 1, … `parts` − 1 of `mesh`, which has a label per face; a part without faces has zero
+/// measurements. The graph goes to the work directory of `context`, which must not contain another one.
 ///
 /// # Errors
 /// As [`labelled`], and [`Error::Parameter`] for labels that are not below `parts`.
@@ -328,11 +329,11 @@ pub fn parts(mesh: &Mesh, labels: &[u32], parts: usize, context: Context<'_>) ->
     Ok((0..parts as u32).map(|part| found.remove(&part).unwrap_or_else(nothing)).collect())
 }
 
-/// Measures the faces of each label that occurs on `mesh`, which has a label per face. The graph goes to the work
-/// directory of `context`, which holds no other.
+/// Measures the faces of each distinct label on `mesh`, which has a label per face. The graph goes to the work
+/// directory of `context`, which must not contain another one.
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit the faces; [`Error::Memory`] for more labels than the budget has
+/// [`Error::Parameter`] for labels that do not match the faces; [`Error::Memory`] for more labels than the budget has
 /// room for; else as [`DualGraph::build`].
 pub fn labelled(mesh: &Mesh, labels: &[u32], context: Context<'_>) -> Result<BTreeMap<u32, Measures>> {
     if labels.len() != mesh.faces.len() {
@@ -375,14 +376,14 @@ mod tests {
         assert!(distance(all.all.centroid, [10.5, 21., 32.]) < 1e-9);
         let [a, b, c] = all.all.axes;
         assert!(a[2] > 1. - 1e-9 && b[1] > 1. - 1e-9 && c[0] > 1. - 1e-9, "{all:?}");
-        // Of the surface: a² = Σ over the six faces of the second moment along z over the area.
+        // For the surface: a² = Σ over the six faces of the second moment along z over the area.
         let along_z = (2. * 2. * 4. + (2. * 4. * 2. + 2. * 4. * 1.) * 16. / 12.) / 28.;
         assert!((all.all.spread[0] - f64::sqrt(along_z)).abs() < 1e-9, "{all:?}");
     }
 
     #[test]
     fn concave_polygons_are_measured_as_they_are() {
-        // Regression: the fan of the upper L had an area of 9 instead of 5, and its centroid lay elsewhere.
+        // Regression: the fan of the upper L had an area of 9 instead of 5, and a wrong centroid.
         let ell = [[3., 0.], [3., 1.], [1., 1.], [1., 3.], [0., 3.], [0., 0.]];
         let points: Vec<[f64; 3]> = [0., 1.].iter().flat_map(|&z| ell.map(|[x, y]| [x, y, z])).collect();
         let mut faces: Vec<Vec<u32>> = vec![(0..6).rev().collect(), (6..12).collect()];
@@ -394,8 +395,8 @@ mod tests {
 
     #[test]
     fn faces_without_a_place_have_no_area_and_leave_a_hole() {
-        // Regression: a cube of which three sides were lost had a volume, two thirds of its own, and parts of these
-        // sides had an area.
+        // Regression: a cube with three sides missing had a volume, two thirds of its own, and parts of these sides had
+        // an area.
         let (mut points, _) = cuboid([0.; 3], [1.; 3]);
         points[7][0] = f64::NAN;
         let quads = [[0u32, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -407,7 +408,7 @@ mod tests {
     #[test]
     fn holes_are_counted_and_have_no_volume() {
         let (points, mut faces) = cuboid([0.; 3], [1.; 3]);
-        // Two lids gone, and every face with vertices of its own: edges at the same position still count as one.
+        // Two lids removed, and every face with its own vertices: edges at the same position still count as one.
         faces.drain(0..4);
         let soup: Vec<[f64; 3]> = faces.iter().flatten().map(|&v| points[v as usize]).collect();
         let own: Vec<[u32; 3]> = (0..faces.len() as u32).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
@@ -455,7 +456,7 @@ mod tests {
         assert!(
             text.lines().skip(2).all(|row| row.split(',').count() == text.lines().next().unwrap().split(',').count())
         );
-        // Wound the other way in one face: no volume.
+        // One face wound the other way: no volume.
         faces[0].swap(0, 1);
         let turned = Mesh::from_slices(&points, &faces).unwrap();
         assert_eq!(with(|context| mesh(&turned, context)).unwrap().all.volume, None);
@@ -464,7 +465,7 @@ mod tests {
 
     #[test]
     fn labels_that_do_not_occur_have_no_row_and_take_no_memory() {
-        // Regression: a row, and 200 bytes, for every number up to the greatest label.
+        // Regression: there was a row, and 200 bytes, for every number up to the greatest label.
         let (points, faces) = cuboid([0.; 3], [1.; 3]);
         let mesh = Mesh::from_slices(&points, &faces).unwrap();
         let labels: Vec<u32> = (0..12).map(|face| if face < 2 { 7 } else { 4_000_000_000 }).collect();
@@ -472,7 +473,7 @@ mod tests {
         let text = table(&all, &[], &[], &[]);
         let rows: Vec<&str> = text.lines().skip(1).map(|row| row.split(',').next().unwrap()).collect();
         assert_eq!(rows, ["7", "4000000000"]);
-        // Labels that occur are drawn from the budget: one for every face is too many here.
+        // Distinct labels are charged to the budget: one per face is too many here.
         let many: Vec<u32> = (0..20_000).collect();
         let strip: Vec<[f64; 3]> = (0..20_002).map(|k| [f64::from(k / 2), f64::from(k % 2), 0.]).collect();
         let strip = Mesh::from_vecs(strip, many.iter().map(|&k| [k, k + 1, k + 2]).collect()).unwrap();
@@ -484,7 +485,7 @@ mod tests {
 
     #[test]
     fn strays_are_measured_where_they_are_put() {
-        // Regression: the box and area of a table and of `info` were those of the stray.
+        // Regression: the box and area in a table and in `info` included the stray.
         let w = 20u32;
         let mut points: Vec<[f64; 3]> = (0..w * w).map(|i| [f64::from(i % w), f64::from(i / w), 0.]).collect();
         let quads: Vec<[u32; 4]> =

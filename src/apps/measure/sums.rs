@@ -1,4 +1,4 @@
-//! What the faces of one label add up to, and what those sums measure.
+//! Sums over the faces of one label, and the measurements computed from them.
 
 use crate::base::moments::principal_axes;
 use crate::base::vector::{area, cross, distance, dot, minus};
@@ -6,25 +6,25 @@ use crate::graph::Frame;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A part that another one touches.
+/// An adjacent part.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Neighbour {
     /// Its label.
     pub label: u32,
-    /// The length of the border between both, in the file's unit.
+    /// The length of their common border, in the file's unit.
     pub length: f64,
 }
 
-/// What a part, or a whole mesh, measures; in the file's unit.
+/// The measurements of a part, or of a whole mesh; in the file's unit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measures {
     /// Faces.
     pub faces: u64,
     /// Area.
     pub area: f64,
-    /// Volume, where the surface is closed and wound one way; positive where it is wound outwards.
+    /// Volume, if the surface is closed and consistently wound; positive if it is wound outwards.
     pub volume: Option<f64>,
-    /// Least and greatest coordinates; none without a face that has a place in space.
+    /// Least and greatest coordinates; `None` without a finite face.
     #[serde(rename = "box")]
     pub bounds: Option<[[f64; 3]; 2]>,
     /// Centre of gravity of the surface.
@@ -33,7 +33,7 @@ pub struct Measures {
     pub axes: [[f64; 3]; 3],
     /// Standard deviation of the surface along each axis.
     pub spread: [f64; 3],
-    /// Edges that no other face of the mesh has.
+    /// Number of edges without another face of the mesh.
     pub open_edges: u64,
     /// Parts that share a border, by label.
     pub neighbours: Vec<Neighbour>,
@@ -115,7 +115,7 @@ impl Sums {
         }
     }
 
-    /// What the sums about `origin` in units of `unit` say.
+    /// The measurements from sums relative to `origin` in units of `unit`.
     pub fn measures(self, unit: Unit) -> Measures {
         let mean = self.first.map(|x| if self.area > 0. { x / self.area } else { 0. });
         let moments: [f64; 6] = std::array::from_fn(|k| {
@@ -148,8 +148,8 @@ impl Sums {
     }
 }
 
-/// Where sums have their origin, and the length that they are taken in: 1 unless the mesh is so large or so small that
-/// squares of its lengths or areas leave the doubles.
+/// The origin of sums, and their unit of length: 1 unless the mesh is so large or so small that squared lengths or
+/// areas would overflow or underflow.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unit {
     pub origin: [f64; 3],
@@ -157,7 +157,7 @@ pub(super) struct Unit {
 }
 
 impl Unit {
-    /// Of a mesh that lies in `frame`.
+    /// For a mesh in `frame`.
     pub fn of(frame: &Frame) -> Self {
         Self { origin: frame.origin, unit: if frame.is_of_common_size() { 1. } else { frame.scale } }
     }
@@ -170,7 +170,7 @@ impl Unit {
         distance(a.map(|x| x / self.unit), b.map(|x| x / self.unit))
     }
 
-    /// `value`, which has so many dimensions of a length, in the units of the file.
+    /// Converts `value`, a length to the power of `dimensions`, back to units of the file.
     fn back(self, value: f64, dimensions: usize) -> f64 {
         (0..dimensions).fold(value, |value, _| if value == 0. { value } else { value * self.unit })
     }

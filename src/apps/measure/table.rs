@@ -1,4 +1,4 @@
-//! What parts measure as a table: comma-separated values with a header, a row per label.
+//! Measurements of parts as a table: comma-separated values with a header, one row per label.
 
 use super::sums::Measures;
 use std::collections::BTreeMap;
@@ -7,13 +7,13 @@ use std::collections::BTreeMap;
 const LAST: [&str; 8] =
     ["spread1", "spread2", "spread3", "open_edges", "expected_agreement", "colour", "neighbours", "name"];
 
-/// A word of a table; quoted where it has to be.
+/// A field of the table; quoted if necessary.
 fn quoted(word: &str) -> String {
     if word.contains([',', '"', '\n', '\r']) { format!("\"{}\"", word.replace('"', "\"\"")) } else { word.into() }
 }
 
-/// The table of `measures`, a row per label that occurs, as comma-separated values with a header; parts may have
-/// `names`, and an `agreement`: the share of people who are expected to have them.
+/// The table of `measures`, one row per distinct label, as comma-separated values with a header; parts may have
+/// `names`, and an `agreement`: the share of people expected to have them.
 pub fn table(measures: &BTreeMap<u32, Measures>, colours: &[[u8; 3]], names: &[String], agreement: &[f64]) -> String {
     let axes = ["x", "y", "z"];
     let three = |name: &str| axes.map(|axis| format!("{name}_{axis}"));

@@ -1,9 +1,9 @@
-//! A page to turn a cut mesh on and to correct its parts: one HTML file that needs no network.
+//! A web page for viewing a segmented mesh and correcting its parts: one HTML file that needs no network.
 //!
-//! The mesh is thinned to [`TRIANGLES`] ([`thin`]), quantised to 16 bits per coordinate, and embedded with its labels,
-//! the cuts of the merge tree into other numbers of parts, and the run's report; `viewer.js` draws it with WebGL,
-//! `editor.js` follows edits on cells as `pipeline::edits` does, and `refine.js` moves boundaries onto creases. Cost:
-//! three passes over the mesh and 30 MB; the file has 3–4 MB.
+//! The mesh is decimated to [`TRIANGLES`] ([`thin`]), quantised to 16 bits per coordinate, and embedded with its
+//! labels, the cuts of the merge tree into other numbers of parts, and the run's report; `viewer.js` draws it with
+//! WebGL, `editor.js` applies edits on cells as `pipeline::edits` does, and `refine.js` moves boundaries onto creases.
+//! Cost: three passes over the mesh and 30 MB; the file has 3–4 MB.
 
 pub mod thin;
 
@@ -23,13 +23,13 @@ use std::io::Write;
 use std::path::Path;
 use thin::Thin;
 
-/// Triangles of the page's mesh at about the most.
+/// Approximate maximum number of triangles of the page's mesh.
 pub const TRIANGLES: usize = 120_000;
-/// Labels are below: the page has two bytes for each.
+/// Labels must be below: the page stores each in two bytes.
 const MOST_PARTS: usize = 1 << 16;
 
 const TEMPLATE: &str = include_str!("page.html");
-/// Edits on cells, boundaries, drawing, what clicks correct, and what turns the view: one script.
+/// Edits on cells, boundaries, drawing, corrections by clicks, and view control: one script.
 const SCRIPT: &str = concat!(
     include_str!("editor.js"),
     include_str!("refine.js"),
@@ -39,7 +39,7 @@ const SCRIPT: &str = concat!(
 );
 const STYLE: &str = include_str!("page.css");
 
-/// What a page shows.
+/// The content of a page.
 ///
 /// ```
 /// use nystrom_stream::apps::colours::palette;
@@ -74,11 +74,11 @@ pub struct Page<'a> {
     pub colours: &'a [[u8; 3]],
     /// Name of each part, or none.
     pub names: &'a [String],
-    /// Other numbers of parts, where a merge tree is there.
+    /// Other numbers of parts, if there is a merge tree.
     pub cuts: Option<Cuts<'a>>,
-    /// The edits that the labels are of.
+    /// The edits that produced the labels.
     pub edits: Option<&'a Edits>,
-    /// The run's report; what is missing in it is not shown.
+    /// The run's report; missing fields are not shown.
     pub report: &'a serde_json::Value,
 }
 
@@ -87,20 +87,20 @@ pub struct Page<'a> {
 pub struct Cuts<'a> {
     /// Cell of each face (n).
     pub cells: &'a [u32],
-    /// For each number of parts the part of each cell.
+    /// The part of each cell, for each number of parts.
     pub parts: &'a [Vec<u32>],
-    /// What edits are computed with: without it parts cannot be corrected on the page.
+    /// The data for computing edits: without it parts cannot be corrected on the page.
     pub model: Option<CellModel<'a>>,
 }
 
-/// What edits are computed with.
+/// The data for computing edits.
 #[derive(Clone, Copy, Debug)]
 pub struct CellModel<'a> {
-    /// How far cells belong together.
+    /// How strongly cells belong together.
     pub affinities: Affinities<'a>,
-    /// Their hierarchy.
+    /// The hierarchy of the cells.
     pub tree: &'a PartTree,
-    /// Part of each cell (S) before boundaries were refined. Empty: that of most of its faces.
+    /// Part of each cell (S) before boundaries were refined. If empty, the most frequent part of its faces.
     pub start: &'a [u32],
 }
 
@@ -109,13 +109,13 @@ fn packed<T: bytemuck::NoUninit>(items: &[T]) -> String {
     STANDARD.encode(bytemuck::cast_slice(items))
 }
 
-/// Labels below [`MOST_PARTS`], or cells, as bytes: two each.
+/// Labels below [`MOST_PARTS`], or cells, as two bytes each.
 fn short(labels: impl Iterator<Item = u32>) -> String {
     packed(&labels.map(|label| label as u16).collect::<Vec<_>>())
 }
 
-/// `template` with each of the `places` replaced by its text, which is not looked into again: a mesh
-/// may be called like a place.
+/// `template` with each of the `places` replaced by its text. Replaced text is not scanned again: a mesh may have the
+/// same name as a place.
 fn filled(template: &str, places: &[(&str, &str)]) -> String {
     let mut out = String::with_capacity(template.len() + places.iter().map(|(_, text)| text.len()).sum::<usize>());
     let mut rest = template;
@@ -133,9 +133,8 @@ impl Page<'_> {
     /// Writes the page to `path`, under a temporary name first.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for labels that do not fit the faces or are beyond 65,535; [`Error::Unusable`] for a mesh
-    /// without a face in space; [`Error::Memory`];
-    /// [`Error::Io`]; [`Error::Cancelled`].
+    /// [`Error::Parameter`] for labels that do not match the faces or are above 65,535; [`Error::Unusable`] for a mesh
+    /// without a finite face; [`Error::Memory`]; [`Error::Io`]; [`Error::Cancelled`].
     pub fn write(&self, path: &Path, run: &Run) -> Result<()> {
         let text = self.html(run)?;
         publish(path, text.len() as u64, |file| file.write_all(text.as_bytes()).map_err(Error::io(path, "write")))
@@ -144,7 +143,7 @@ impl Page<'_> {
     /// The page's text.
     ///
     /// # Errors
-    /// As [`Page::write`], but for [`Error::Io`].
+    /// As [`Page::write`], except for [`Error::Io`].
     pub fn html(&self, run: &Run) -> Result<String> {
         let n = self.mesh.faces.len();
         for (name, len) in [("labels", self.labels.len()), ("cells", self.cuts.map_or(n, |cuts| cuts.cells.len()))] {
@@ -157,20 +156,20 @@ impl Page<'_> {
             let problem = format!("{label} is too great a label for a page");
             return Err(Error::parameter("labels", problem, "number the parts from 0"));
         }
-        // As the program computes with it, so that places and box mean the same there.
+        // The mesh as used by the program, so that places and box mean the same on the page.
         let shown = &Page { mesh: &self.mesh.without_strays(run)?, ..*self };
         let axes = picture::best_view(shown.mesh, Some(self.labels), self.colours.len(), run)?;
         let bytes = thin::BYTES * TRIANGLES as u64;
         let _grant = run.budget.take("the page's mesh", bytes / 4, bytes)?;
         let thin = Thin::of(shown.mesh, TRIANGLES, run)?;
-        // No text of the data can end the script element or begin a comment there.
+        // No text in the data can close the script element or start a comment there.
         let data = shown.data(&thin, axes).to_string().replace('<', "\\u003c");
         let title = self.title.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let places = [("/*STYLE*/", STYLE), ("{{TITLE}}", &title), ("/*SCRIPT*/", SCRIPT), ("\"DATA\"", &data)];
         Ok(filled(TEMPLATE, &places))
     }
 
-    /// What the script is given.
+    /// The data for the script.
     fn data(&self, thin: &Thin, axes: [[f64; 3]; 3]) -> serde_json::Value {
         let [low, high] = thin.bounds;
         let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max).max(f64::MIN_POSITIVE);
@@ -206,8 +205,8 @@ impl Page<'_> {
         })
     }
 
-    /// What edits are computed with: the hierarchy, the steps between cells, how far superfaces belong together in 16
-    /// bits (above the diagonal, row by row), and the part of each cell.
+    /// The data for computing edits: the hierarchy, the step lengths between cells, the co-association in 16 bits
+    /// (above the diagonal, row by row), and the part of each cell.
     fn model(&self, cells: &[u32], CellModel { affinities, tree, start }: CellModel<'_>) -> serde_json::Value {
         let start = if start.len() == tree.cells() { start.to_vec() } else { self.most_faces(cells, tree.cells()) };
         let together = affinities.co_association;
@@ -228,7 +227,7 @@ impl Page<'_> {
         })
     }
 
-    /// The part of most faces of each of `n` cells.
+    /// The most frequent part of the faces of each of `n` cells.
     fn most_faces(&self, cells: &[u32], n: usize) -> Vec<u32> {
         let counts = tally(cells.iter().copied().zip(self.labels.iter().copied()));
         let mut most = vec![(0, 0); n];
@@ -240,7 +239,7 @@ impl Page<'_> {
         most.into_iter().map(|best| best.1).collect()
     }
 
-    /// Centres of the landmark faces that the report lists.
+    /// Centroids of the landmark faces listed in the report.
     fn landmarks(&self) -> Vec<[f64; 3]> {
         let faces = self.report["landmarks"].as_array().map_or(&[][..], Vec::as_slice);
         let numbers = faces.iter().filter_map(serde_json::Value::as_u64);

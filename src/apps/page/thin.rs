@@ -1,8 +1,8 @@
-//! A mesh thinned to a size that a browser can draw, by merging the vertices of each cell of a grid.
+//! Decimates a mesh to a size that a browser can draw, by merging the vertices in each cell of a grid.
 //!
-//! One pass over the faces gives the box, one the area and with it the size of the cells, a third merges: vertices of a
-//! cell become their mean, faces that still have three different corners stay, once each. No more is kept than the
-//! thinned mesh, so any size goes through. A mesh that is small enough is taken as it is.
+//! One pass over the faces gives the box, one the area and with it the size of the grid cells, a third merges: vertices
+//! in a grid cell become their mean; faces that still have three different corners are kept, once each. Memory is
+//! proportional to the result, so any size is possible. A mesh that is small enough is not changed.
 
 use crate::apps::edits::bounds;
 use crate::base::Result;
@@ -11,26 +11,26 @@ use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use std::collections::{HashMap, HashSet};
 
-/// Cells of the grid along the longest side at the most, so that a cell's number fits 64 bits.
+/// Maximum number of grid cells along the longest side, so that a cell's index fits in 64 bits.
 const FINEST: f64 = 2_000_000.;
-/// Bytes per triangle that merging holds: vertices, triangles and what finds them again.
+/// Bytes per triangle during merging: vertices, triangles and their lookup tables.
 pub const BYTES: u64 = 160;
 
-/// A thinned mesh.
+/// A decimated mesh.
 #[derive(Clone, Debug, Default)]
 pub struct Thin {
     /// Positions in the file's units.
     pub positions: Vec<[f64; 3]>,
     /// Corners.
     pub triangles: Vec<[u32; 3]>,
-    /// For each triangle a face of the mesh that it stands for.
+    /// For each triangle a face of the mesh that it represents.
     pub faces: Vec<u32>,
-    /// Least and greatest corner of the box of the mesh ([`bounds`]); 0 where no face lies in space.
+    /// Least and greatest corner of the box of the mesh ([`bounds`]); 0 if no face is finite.
     pub bounds: [[f64; 3]; 2],
 }
 
 impl Thin {
-    /// Thins `mesh` to about `target` triangles.
+    /// Decimates `mesh` to about `target` triangles.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -41,10 +41,11 @@ impl Thin {
         let [low, high] = bounds;
         let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max);
         let area = area(mesh, run)?;
-        // A surface of area A meets some 2 A / h² triangles' worth of cells of size h.
+        // A surface of area A gives some 2 A / h² triangles with grid cells of size h.
         let size = match triangles <= target as u64 {
             true => 0.,
-            // Triangles without area along a curve meet as many cells as it does; those in one place meet one.
+            // Triangles without area along a curve occupy as many cells as the curve does; those at one position occupy
+            // one.
             false => (2.2 * area / target as f64).sqrt().max(side / FINEST.min(target as f64)).max(f64::MIN_POSITIVE),
         };
         let mut merged = Merged { low, size, ..Merged::default() };
@@ -68,13 +69,13 @@ impl Thin {
     }
 }
 
-/// Vertices by cell.
+/// Vertices merged by grid cell.
 #[derive(Debug, Default)]
 struct Merged {
     low: [f64; 3],
     size: f64,
     number: HashMap<u64, u32>,
-    /// Sums of positions, and how many.
+    /// Sums of positions, and the number of vertices.
     sums: Vec<[f64; 4]>,
 }
 
@@ -97,7 +98,7 @@ impl Merged {
     }
 }
 
-/// Calls `visit` with every face that has triangles, and whose corners have finite positions.
+/// Calls `visit` with every face that has triangles and finite corners.
 fn for_faces(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32], &[[f64; 3]])) -> Result<()> {
     let mut positions = Vec::new();
     for start in (0..mesh.faces.len()).step_by(1 << 16) {

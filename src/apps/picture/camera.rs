@@ -1,4 +1,5 @@
-//! The orthographic camera: the axes of a view, the box that the mesh fills in them, and the way from space to samples.
+//! The orthographic camera: the axes of a view, the extent of the mesh in them, and the projection from space to
+//! samples.
 //!
 //! A few multiplications per point.
 
@@ -35,7 +36,7 @@ impl Frame {
     }
 }
 
-/// The box, in a frame's coordinates, that what is seen fills.
+/// The bounding box, in a frame's coordinates, of the visible shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Extent {
     pub low: Vec3,
@@ -43,10 +44,10 @@ pub(super) struct Extent {
 }
 
 impl Extent {
-    /// Holds nothing.
+    /// The empty box.
     pub(super) const EMPTY: Self = Self { low: [f64::INFINITY; 3], high: [f64::NEG_INFINITY; 3] };
 
-    /// Grows to hold `p`.
+    /// Grows to contain `p`.
     #[inline]
     pub(super) fn hold(&mut self, p: Vec3) {
         for k in 0..3 {
@@ -55,13 +56,13 @@ impl Extent {
         }
     }
 
-    /// Grows to hold `other`.
+    /// Grows to contain `other`.
     pub(super) fn join(&mut self, other: &Self) {
         self.hold(other.low);
         self.hold(other.high);
     }
 
-    /// Length along axis `k`, 0 where it holds nothing.
+    /// Length along axis `k`, 0 if empty.
     pub(super) fn length(&self, k: usize) -> f64 {
         (self.high[k] - self.low[k]).max(0.0)
     }
@@ -72,7 +73,7 @@ impl Extent {
     }
 }
 
-/// From space to samples of a canvas: x to the right, y down, depth away from the viewer, all in samples.
+/// Projects from space to samples of a canvas: x to the right, y down, depth away from the viewer, all in samples.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Camera {
     pub frame: Frame,
@@ -92,7 +93,7 @@ impl Camera {
         Self { frame, scale, offset, depth: (extent.length(2) * scale).max(1e-9) }
     }
 
-    /// Where `p` is seen.
+    /// The projection of `p`.
     #[inline]
     pub(super) fn project(&self, p: Vec3) -> Vec3 {
         let [x, y, z] = self.frame.of(p);

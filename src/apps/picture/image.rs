@@ -1,6 +1,6 @@
 //! The finished picture: pixels of one byte per channel, text on them, and the PNG file.
 //!
-//! Four bytes per pixel are held.
+//! Uses four bytes per pixel.
 
 use super::shading::{Pixel, stored};
 use crate::apps::colours::linear;
@@ -17,7 +17,7 @@ pub struct Image {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Red, green, blue, opacity of each pixel, row by row from the top.
+    /// Red, green, blue and opacity of each pixel, row by row from the top.
     pub pixels: Vec<[u8; 4]>,
 }
 
@@ -39,7 +39,7 @@ impl Image {
         both
     }
 
-    /// Lays pixels (in rows of `width`) over the picture with their first at (`x`, `y`).
+    /// Composites pixels (in rows of `width`) over the picture with their first at (`x`, `y`).
     pub(super) fn lay(&mut self, x: usize, y: usize, width: usize, pixels: &[Pixel]) {
         for (j, row) in pixels.chunks(width.max(1)).enumerate() {
             for (i, pixel) in row.iter().enumerate() {
@@ -48,7 +48,7 @@ impl Image {
         }
     }
 
-    /// Lays one pixel over the picture; outside of it, nothing happens.
+    /// Composites one pixel over the picture; outside it, nothing happens.
     pub(super) fn blend(&mut self, x: usize, y: usize, [r, g, b, opacity]: Pixel) {
         if x >= self.width || y >= self.height || opacity <= 0.0 {
             return;
@@ -62,7 +62,7 @@ impl Image {
         under[3] = (whole * 255.0 + 0.5) as u8;
     }
 
-    /// Writes a PNG file, by rename; without an opacity channel where nothing is transparent.
+    /// Writes a PNG file, by rename; without an opacity channel if nothing is transparent.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -97,7 +97,7 @@ pub(in crate::apps) fn write_png(path: &Path, size: (u32, u32), colour: png::Col
 /// Pixels of an em per dot of the legend.
 const EM: f64 = 9.5;
 
-/// Pixels that `text` takes at `dot` pixels per dot.
+/// Width of `text` in pixels at `dot` pixels per dot.
 pub(super) fn text_width(text: &str, dot: f64) -> f64 {
     text::width(text, EM * dot)
 }

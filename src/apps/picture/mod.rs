@@ -1,10 +1,10 @@
-//! Pictures of meshes and their parts, drawn in memory: no window, no graphics card.
+//! Pictures of meshes and their parts, rendered in memory: no window, no graphics card.
 //!
 //! A mesh of any size is streamed through a z-buffer of two samples per pixel and side; normals, light, ambient
-//! occlusion and lines follow from what is seen. The view is found ([`Up`], and the direction from which most parts
-//! show most of themselves), and the result does not depend on the number of threads. Cost: 70 bytes per pixel
-//! whatever the mesh, 12 more per vertex where these are few; a million faces take about a second on two cores, of
-//! which half goes with the pixels.
+//! occlusion and lines are computed from the visible samples. The view is chosen automatically ([`Up`], and the
+//! direction that shows most of most parts), and the result does not depend on the number of threads. Cost: 70 bytes
+//! per pixel whatever the mesh, plus 12 per vertex if there are few; a million faces take about a second on two cores,
+//! half of which depends on the number of pixels.
 
 mod camera;
 pub(super) mod image;
@@ -27,13 +27,13 @@ use shading::CLAY;
 use sheet::{Legend, Sheet};
 use vertex_normals::VertexNormals;
 
-/// Vertices at most that get smooth normals; a mesh of more shows faces no larger than a sample.
+/// Maximum number of vertices for smooth normals; the faces of a larger mesh are no larger than a sample.
 const SMOOTH: usize = 3_000_000;
-/// Parts that the choice of the view and the legend tell apart.
+/// Maximum number of parts distinguished when choosing the view and in the legend.
 const TOLD_APART: usize = 4096;
 
-/// Draws `mesh`, its parts in the colours of their labels (grey beyond the last colour), or in
-/// one colour without labels.
+/// Draws `mesh` with its parts in the colours of their labels (grey beyond the last colour), or in a single colour
+/// without labels.
 ///
 /// ```
 /// use nystrom_stream::apps::colours::palette;
@@ -50,8 +50,8 @@ const TOLD_APART: usize = 4096;
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] for sizes or numbers of views out of range or labels that do not fit the faces;
-/// [`Error::Unusable`] where no face has a place in space; [`Error::Memory`]; [`Error::Cancelled`].
+/// [`Error::Parameter`] for sizes or numbers of views out of range or labels that do not match the faces;
+/// [`Error::Unusable`] if no face is finite; [`Error::Memory`]; [`Error::Cancelled`].
 pub fn render(
     mesh: &Mesh,
     labels: Option<&[u32]>,
@@ -93,12 +93,12 @@ pub fn render_named(
     let room = params.width - legend.as_ref().map_or(0, Legend::width).min(params.width / 2);
     let sheet = Sheet::of(&extents, room, params.height);
     let smooth = mesh.positions.len() <= SMOOTH;
-    // The picture itself, and what is written of it.
+    // The picture itself, and its encoded form.
     let whole = 7 * (params.width * params.height) as u64;
     let bytes = whole + sheet.bytes(params.samples) + if smooth { 12 * mesh.positions.len() as u64 } else { 0 };
     let _grant = run.budget.take("the picture", bytes, bytes)?;
     let vertex_normals = if smooth { Some(VertexNormals::of(mesh, run)?) } else { None };
-    // Labels may be numbered into the billions: nothing more is held of each.
+    // Labels may be in the billions, so only this is stored per label.
     let tints = if labels.is_some() { colours } else { &[CLAY] };
     let white = if params.transparent { [255, 255, 255, 0] } else { [255; 4] };
     let mut image = Image::filled(params.width, params.height, white);
@@ -117,7 +117,7 @@ pub fn render_named(
 /// The best view, as axes in space: to the right, up, and towards the viewer.
 ///
 /// # Errors
-/// [`Error::Unusable`] where no face has a place in space; [`Error::Cancelled`].
+/// [`Error::Unusable`] if no face is finite; [`Error::Cancelled`].
 pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -> Result<[[f64; 3]; 3]> {
     let (mesh, _grant) = &in_common_size(mesh, run)?;
     let mesh = &mesh.without_strays(run)?;
@@ -126,10 +126,10 @@ pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -
     Ok([found[0].right, found[0].up, found[0].toward])
 }
 
-/// The mesh itself; a copy in the unit box where it is so large or so small that areas leave the doubles, and what its
-/// positions are granted.
+/// The mesh itself; or, if it is so large or so small that areas would overflow or underflow, a copy in the unit box
+/// with its grant for positions.
 fn in_common_size(mesh: &Mesh, run: &Run) -> Result<(Mesh, Option<Grant>)> {
-    // Floats are never so far from 1.
+    // Floats cannot be that large or small.
     if !mesh.positions.is_double() {
         return Ok((mesh.clone(), None));
     }
@@ -156,7 +156,7 @@ fn frames(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, params: &PicturePar
     let azimuth = azimuth + params.turn.to_radians();
     let elevation = (elevation + params.tilt.to_radians()).clamp(-1.55, 1.55);
     let around = std::f64::consts::TAU / params.views as f64;
-    // The opposite side comes second, where there is one: it shows what the first view hides.
+    // The opposite side comes second, if it is included: it shows what the first view hides.
     let order = |k: usize| if params.views.is_multiple_of(2) { k / 2 + k % 2 * (params.views / 2) } else { k };
     Ok((0..params.views).map(|k| Frame::turned(up, azimuth + order(k) as f64 * around, elevation)).collect())
 }

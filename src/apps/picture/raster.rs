@@ -1,9 +1,9 @@
-//! The z-buffer: which face is seen at each sample.
+//! The z-buffer: which face is visible at each sample.
 //!
-//! A cell is one atomic word, depth above and face below, and a triangle lowers the words it covers to the least;
-//! so threads share one canvas and the result does not depend on their order. Corners are snapped to 1/256 of a
-//! sample and edges evaluated in integers, so that neighbours leave neither gap nor overlap. 8 bytes per sample;
-//! 30–60 ns per small triangle.
+//! A cell is one atomic word, with the depth above the face, and a triangle lowers the words that it covers to the
+//! minimum; so threads share one canvas and the result does not depend on their order. Corners are snapped to 1/256 of
+//! a sample and edges evaluated in integers, so that adjacent triangles leave neither gap nor overlap. 8 bytes per
+//! sample; 30–60 ns per small triangle.
 
 use super::camera::{Camera, Extent, Vec3};
 use crate::base::Result;
@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Faces a thread takes at a time.
 pub(super) const CHUNK: usize = 1 << 13;
-/// The same where they are drawn: each may cover the whole picture, and a run can be stopped between them.
+/// Faces per thread while drawing: each may cover the whole picture, and a run must be able to stop in between.
 const DRAWN: usize = 1 << 8;
 
 /// Calls `visit(face, its corners, their positions)` for the triangles of `faces`, in order.
@@ -30,12 +30,12 @@ pub(super) fn triangles_of(mesh: &Mesh, face: usize, visit: impl FnMut([u32; 3],
     mesh.faces.with(face, |corners| mesh.triangles(corners, visit));
 }
 
-/// A cell that nothing covers.
+/// An uncovered cell.
 const EMPTY: u64 = u64::MAX;
-/// Steps of a sample that corners are snapped to.
+/// Subdivisions of a sample to which corners are snapped.
 const STEPS: i64 = 256;
 
-/// Samples with the depth and the face (later: the label) seen there.
+/// Samples with depth and visible face (later: label).
 pub(super) struct Canvas {
     pub width: usize,
     pub height: usize,
@@ -43,16 +43,16 @@ pub(super) struct Canvas {
     depth: f64,
 }
 
-/// Columns above which the part of a row that lies in a triangle is computed instead of tried: slivers fill a small
-/// share of their boxes.
+/// Number of columns above which the covered part of a row is computed instead of tested: slivers fill a small share of
+/// their boxes.
 const WIDE: i64 = 8;
 
-/// What a sample shows.
+/// The content of a covered sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hit {
-    /// In samples from the nearest point.
+    /// Depth in samples, from the nearest point.
     pub depth: f64,
-    /// The face, or what [`Canvas::replace`] put for it.
+    /// The face, or the value that [`Canvas::replace`] put in its place.
     pub item: u32,
 }
 
@@ -63,7 +63,7 @@ impl Canvas {
         Self { width, height, cells, depth: camera.depth }
     }
 
-    /// What the sample of this number shows.
+    /// The content of sample number `cell`.
     #[inline]
     pub(super) fn get(&self, cell: usize) -> Option<Hit> {
         let word = self.cells[cell].load(Ordering::Relaxed);
@@ -71,7 +71,7 @@ impl Canvas {
         (word != EMPTY).then_some(Hit { depth, item: word as u32 })
     }
 
-    /// Puts `item` in the place of a covered sample's.
+    /// Replaces the item of a covered sample.
     #[inline]
     pub(super) fn replace(&self, cell: usize, item: u32) {
         let word = self.cells[cell].load(Ordering::Relaxed);
@@ -119,7 +119,7 @@ impl Canvas {
             return;
         }
         let start = [columns.start * STEPS + STEPS / 2, rows.start * STEPS + STEPS / 2];
-        // A sample on an edge belongs to the triangle whose top or left edge it is.
+        // A sample on an edge belongs to the triangle for which it is a top or left edge.
         let edge = |a: [i64; 2], b: [i64; 2]| {
             let top_left = b[1] < a[1] || (b[1] == a[1] && b[0] > a[0]);
             let right = -(b[1] - a[1]) * STEPS;
@@ -162,8 +162,8 @@ impl Canvas {
     }
 }
 
-/// The columns of a row in which all three edges may be 0 or more, among `columns`, at whose first they are `row`. An
-/// edge changes by its second number from one column to the next.
+/// The range within `columns` in which all three edge functions may be non-negative, given their values `row` at the
+/// first column. An edge function changes by its second number from one column to the next.
 fn span(row: &[i64; 3], edges: &[(i64, i64, i64); 3], columns: Range<i64>) -> Range<i64> {
     let (mut first, mut end) = (columns.start, columns.end);
     for (&value, &(_, right, _)) in row.iter().zip(edges) {
@@ -178,7 +178,7 @@ fn span(row: &[i64; 3], edges: &[(i64, i64, i64); 3], columns: Range<i64>) -> Ra
     first..end.max(first)
 }
 
-/// The boxes that the faces of `mesh` fill in each frame.
+/// The extents of the faces of `mesh` in each frame.
 pub(super) fn extents(mesh: &Mesh, frames: &[super::camera::Frame], run: &Run) -> Result<Vec<Extent>> {
     let n = mesh.faces.len();
     let chunk = |k, (): &mut ()| {
@@ -216,13 +216,13 @@ mod tests {
         })
     }
 
-    /// Of all sizes, many of them slivers; each sample is asked by itself.
+    /// Triangles of all sizes, many of them slivers; each sample is tested individually.
     #[test]
     fn triangles_cover_the_samples_whose_centres_they_hold() {
         let (width, height) = (61, 47);
         let mut random = stream(1, "triangles");
         for case in 0..400 {
-            // Corners on centres and edges of samples are common.
+            // Corners on centres and edges of samples are frequent.
             let mut at = |size: usize| match case % 3 {
                 0 => below(&mut random, 2 * size) as f64 / 2.,
                 _ => (1.4 * unit(&mut random) - 0.2) * size as f64,

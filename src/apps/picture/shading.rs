@@ -1,7 +1,7 @@
-//! From what each sample shows to pixels: normals, ambient occlusion, lines, light, and the filter over samples.
+//! From visible samples to pixels: normals, ambient occlusion, lines, light, and the filter over samples.
 //!
-//! Everything is computed for what is seen only, after drawing. Cost: 4 bytes per sample for normals (twice that while
-//! smoothing), 12 bytes and some 100 ns per pixel for occlusion.
+//! Everything is computed only for visible samples, after drawing. Cost: 4 bytes per sample for normals (twice that
+//! while smoothing), 12 bytes and some 100 ns per pixel for occlusion.
 
 use super::camera::{Camera, Vec3};
 use super::raster::{Canvas, Hit, triangles_of};
@@ -14,48 +14,48 @@ use crate::store::Run;
 
 // The surface's normal at every sample of a view.
 //
-// Found after drawing, for what is seen only: from the vertices' normals where there are some, else from the faces',
-// smoothed over neighbouring samples of like depth (a mesh of a hundred million faces has many to a sample, and no
-// room for normals at vertices). 4 bytes per sample, twice that while smoothing.
+// Computed after drawing, only for visible samples: from the vertices' normals if there are some, else from the faces',
+// smoothed over neighbouring samples of similar depth (a mesh of a hundred million faces has many per sample, and no
+// room for vertex normals). 4 bytes per sample, twice that while smoothing.
 
-/// A unit normal towards the viewer: its parts to the right and up, in 1/32767.
+/// A unit normal facing the viewer: its components to the right and up, in 1/32767.
 pub(super) type Packed = [i16; 2];
 
-/// Samples to each side that normals are smoothed over.
+/// Number of samples on each side over which normals are smoothed.
 const REACH: usize = 2;
 
-/// Packs a normal given in the frame, turned towards the viewer.
+/// Packs a normal given in the frame, flipped to face the viewer.
 fn pack(n: Vec3) -> Packed {
     let sign = if n[2] < 0.0 { -32767.0 } else { 32767.0 };
     [(n[0] * sign) as i16, (n[1] * sign) as i16]
 }
 
-/// Packs an interpolated normal of a face whose own one is `face`: turned as the face is, and where it points away from
-/// the viewer all the same, as it may near an outline, brought back to what is just seen.
+/// Packs an interpolated normal of a face whose own normal is `face`: flipped like the face, and, if it still faces
+/// away from the viewer, as may happen near an outline, bent until it is just visible.
 fn pack_seen(n: Vec3, face: Vec3) -> Packed {
     let sign = if face[2] < 0.0 { -1.0 } else { 1.0 };
     let seen = [sign * n[0], sign * n[1], (sign * n[2]).max(0.0)];
     pack(if seen == [0.0; 3] { face } else { unit(seen) })
 }
 
-/// To the right, up, towards the viewer.
+/// Components to the right, up, and towards the viewer.
 #[inline]
 pub(super) fn unpack(packed: Packed) -> [f32; 3] {
     let [x, y] = packed.map(|x| f32::from(x) / 32767.0);
     [x, y, (1.0 - x * x - y * y).max(0.0).sqrt()]
 }
 
-/// Corners above which a face is drawn flat: each sample looks at all of its triangles.
+/// Number of corners above which a face is drawn flat, since each sample searches all of its triangles.
 const LONG: usize = 64;
 
-/// A triangle of the face last looked at.
+/// A triangle of the most recent face.
 struct Corner {
     at: [Vec3; 3],
     own: Vec3,
     normals: [Vec3; 3],
 }
 
-/// Normals of all samples; the canvas shows labels afterwards (0 where there are none).
+/// Normals of all samples; afterwards the canvas has labels instead of faces (0 if there are none).
 pub(super) fn normals(
     mesh: &Mesh,
     labels: Option<&[u32]>,
@@ -107,14 +107,14 @@ pub(super) fn normals(
     smooth(&across, canvas, width, run)
 }
 
-/// The normal of a polygon as a whole; corners without a place in space are left out.
+/// The normal of a polygon as a whole; non-finite corners are skipped.
 fn polygon_normal(mesh: &Mesh, corners: &[u32]) -> Vec3 {
     let mut at = corners.iter().map(|&v| mesh.positions.get(v)).filter(|&p| finite(p));
     let first = at.next().unwrap_or_default();
     unit(double_area_vector(at.map(|p| minus(p, first))))
 }
 
-/// The normal at a point of a face's triangles: in the one that holds it best.
+/// The normal at a point of a face's triangles, in the one that contains it best.
 fn interpolate(triangles: &[Corner], x: f64, y: f64) -> Packed {
     let mut best = (f64::NEG_INFINITY, [0.0; 3], [0.0; 3]);
     for triangle in triangles {
@@ -138,7 +138,7 @@ fn interpolate(triangles: &[Corner], x: f64, y: f64) -> Packed {
     pack_seen(best.1, best.2)
 }
 
-/// Means along one axis (samples `step` apart) over samples whose depth is near.
+/// Means along one axis (samples `step` apart) over samples of similar depth.
 fn smooth(normals: &[Packed], canvas: &Canvas, step: usize, run: &Run) -> Result<Vec<Packed>> {
     let mut out = vec![[0i16; 2]; normals.len()];
     let width = canvas.width;
@@ -167,20 +167,20 @@ fn smooth(normals: &[Packed], canvas: &Canvas, step: usize, run: &Run) -> Result
     Ok(out)
 }
 
-// Ambient occlusion: how much of the sky each pixel sees, from the z-buffer.
+// Ambient occlusion: how much of the sky is visible from each pixel, according to the z-buffer.
 //
-// Around a pixel, points of the z-buffer at two scales (folds, and the space between limbs) count as far as they rise
-// above the pixel's tangent plane and are near. The points are turned from pixel to pixel in a pattern of 4 × 4, and
-// the mean over that pattern is smooth. 12 bytes per pixel, some 100 ns.
+// Around a pixel, points of the z-buffer at two scales (folds, and the space between limbs) occlude according to their
+// height above the pixel's tangent plane and their proximity. The sampling pattern is rotated from pixel to pixel in a
+// 4 × 4 pattern, and the mean over that pattern is smooth. 12 bytes per pixel, some 100 ns.
 
-/// Points looked at per pixel.
+/// Number of points sampled per pixel.
 const POINTS: usize = 18;
 /// Pixels per side of the pattern.
 const PATTERN: usize = 4;
-/// A pixel that shows nothing.
+/// An empty pixel.
 const NOTHING: f32 = f32::INFINITY;
 
-/// Depth, in pixels, and normal at pixels that are `factor` samples wide.
+/// Depth, in pixels, and normal of pixels that are `factor` samples wide.
 struct Pixels {
     width: usize,
     depth: Vec<f32>,
@@ -190,7 +190,7 @@ struct Pixels {
 impl Pixels {
     fn of(canvas: &Canvas, normals: &[Packed], factor: usize, run: &Run) -> Result<Self> {
         let (width, height) = (canvas.width / factor, canvas.height / factor);
-        // The nearest sample of a pixel.
+        // The nearest sample in a pixel.
         let nearest = |x: usize, y: usize| {
             let mut pixel = (NOTHING, [0i16; 2]);
             for sample in 0..factor * factor {
@@ -214,7 +214,7 @@ impl Pixels {
     }
 }
 
-/// Sets each of `pixels`, in rows of `width`, to what `value(x, y)` is there.
+/// Sets each of `pixels`, in rows of `width`, to `value(x, y)`.
 fn fill_pixels<T: Send>(
     pixels: &mut [T],
     width: usize,
@@ -228,19 +228,19 @@ fn fill_pixels<T: Send>(
     run.fill_chunks(pixels, width, || (), fill).map(drop)
 }
 
-/// Openness per pixel, 0 (shut in) to 1, for a shape of `size` pixels.
+/// Openness per pixel, 0 (occluded) to 1, for a shape of `size` pixels.
 pub(super) fn openness(canvas: &Canvas, normals: &[Packed], factor: usize, size: f64, run: &Run) -> Result<Vec<f32>> {
     let pixels = Pixels::of(canvas, normals, factor, run)?;
     let (width, height) = (pixels.width, pixels.height());
     let turns: Vec<[[f32; 2]; POINTS]> = (0..PATTERN * PATTERN).map(|turn| points(turn, size)).collect();
     let mut raw = vec![1.0f32; width * height];
     fill_pixels(&mut raw, width, run, |x, y| {
-        // Neighbours of the pattern get turns far from one another.
+        // Neighbouring pixels of the pattern get very different rotations.
         let turn = (x % PATTERN * 5 + y % PATTERN * 7 + (x % PATTERN) * (y % PATTERN) * 3) % (PATTERN * PATTERN);
         one(&pixels, x, y, &turns[turn], size as f32)
     })?;
     let near = (size * 0.02).max(1.5) as f32;
-    // The mean over the pattern around a pixel, of what is as deep.
+    // The mean over the pattern around a pixel, over pixels of similar depth.
     let mean = |x: usize, y: usize| {
         let depth = pixels.depth[y * width + x];
         if depth == NOTHING {
@@ -262,7 +262,7 @@ pub(super) fn openness(canvas: &Canvas, normals: &[Packed], factor: usize, size:
     Ok(smooth)
 }
 
-/// Offsets of the points: spirals, one turn of the pattern each, a third of them for folds.
+/// Offsets of the points: spirals, one per rotation of the pattern, with a third of the points for folds.
 fn points(turn: usize, size: f64) -> [[f32; 2]; POINTS] {
     std::array::from_fn(|k| {
         let share = (k as f64 + (turn as f64 + 0.5) / (PATTERN * PATTERN) as f64) / POINTS as f64;
@@ -295,23 +295,23 @@ fn one(pixels: &Pixels, x: usize, y: usize, points: &[[f32; 2]; POINTS], size: f
             continue;
         }
         let above = (dx * normal[0] - dy * normal[1] + rise * normal[2]) / square.sqrt();
-        // What is far in front hides less of the sky than it seems to.
+        // Points far in front occlude less of the sky than their height suggests.
         let near = 1.0 - (rise.abs() / (0.22 * size)).min(1.0).powi(2);
         shut += (above - 0.12).max(0.0) * near;
     }
     (1.0 - 2.1 * shut / POINTS as f32).clamp(0.0, 1.0)
 }
 
-// Lines: between parts, and where the surface breaks off.
+// Lines: between parts, and at outlines.
 //
-// Both are read off the drawn samples: a part ends where a neighbouring sample of like depth has another label, the
-// surface where the next sample lies far behind, more than its slope explains.
+// Both are derived from the drawn samples: a part ends where a neighbouring sample of similar depth has another label,
+// the surface where the next sample lies much deeper than its slope explains.
 
-/// How lines are drawn on a view.
+/// Parameters for drawing lines on a view.
 pub(super) struct Lines {
     /// Offsets of the samples within half a line's width.
     near: Vec<[isize; 2]>,
-    /// Depth, in samples, that counts as a break.
+    /// Difference in depth, in samples, that counts as an outline.
     jump: f64,
 }
 
@@ -327,7 +327,8 @@ impl Lines {
         Self { near, jump: (0.012 * size).max(3.0) }
     }
 
-    /// How much light lines leave at the sample (`x`, `y`), which shows `hit`: 1 away from all lines.
+    /// The share of light that lines leave at the sample (`x`, `y`), which has the content `hit`: 1 away from all
+    /// lines.
     pub(super) fn light(&self, canvas: &Canvas, x: usize, y: usize, hit: Hit, parts: bool) -> f32 {
         let at = |[dx, dy]: [isize; 2]| {
             let (i, j) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
@@ -347,19 +348,19 @@ impl Lines {
     }
 }
 
-// From what each sample shows to pixels: light, colours, lines, and the box filter over a pixel's samples.
+// From visible samples to pixels: light, colours, lines, and the box filter over a pixel's samples.
 
-/// The colour of labels beyond the last colour.
+/// The colour of labels without a colour.
 pub(super) const GREY: [u8; 3] = [128; 3];
 /// The colour of a mesh without labels.
 pub(super) const CLAY: [u8; 3] = [0xc9, 0xc3, 0xba];
 
-/// From the upper left, over the viewer's shoulder.
+/// The key light: from the upper left, over the viewer's shoulder.
 const KEY: [f32; 3] = [-0.48, 0.58, 0.66];
-/// From the right, lower and softer.
+/// The fill light: from the right, lower and softer.
 const FILL: [f32; 3] = [0.78, -0.10, 0.62];
 
-/// A drawn view with everything that colours it.
+/// A drawn view with all the data that colour it.
 pub(super) struct View<'a> {
     pub canvas: &'a Canvas,
     pub normals: &'a [Packed],
@@ -367,16 +368,16 @@ pub(super) struct View<'a> {
     pub openness: &'a [f32],
     /// Samples per side of a pixel.
     pub factor: usize,
-    /// By label.
+    /// Colours by label.
     pub colours: &'a [[u8; 3]],
-    /// The linear light of each part of a colour.
+    /// The linear value of each byte of a colour channel.
     pub light_of: [f32; 256],
     pub lines: Option<&'a Lines>,
     /// Whether there are labels.
     pub parts: bool,
 }
 
-/// A pixel in linear light, times its opacity, and that.
+/// A pixel in linear light, premultiplied by its opacity, and the opacity.
 pub(super) type Pixel = [f32; 4];
 
 impl View<'_> {
@@ -424,13 +425,13 @@ fn light(colour: [f32; 3], normal: [f32; 3], open: f32) -> [f32; 3] {
     let sky = 0.65 + 0.35 * normal[1];
     let open = open * open;
     let diffuse = 0.36 * sky * open + (0.86 * key + 0.16 * fill) * (0.35 + 0.65 * open);
-    // A faint gloss, between the key light and the viewer.
+    // A faint highlight, halfway between the key light and the viewer.
     let half = [KEY[0] / 1.822, KEY[1] / 1.822, (KEY[2] + 1.0) / 1.822];
     let gloss = 0.06 * along(half).max(0.0).powi(24) * open;
     colour.map(|c| c * diffuse + gloss)
 }
 
-/// From linear light to a byte to store.
+/// Converts linear light to a stored byte.
 pub(super) fn stored(x: f32) -> u8 {
     let x = x.clamp(0.0, 1.0);
     let x = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };

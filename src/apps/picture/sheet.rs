@@ -1,5 +1,4 @@
-//! The sheet: its parameters, the views in rows and columns at one scale, how each is made,
-//! and the legend next to them.
+//! The sheet: its parameters, the views in rows and columns at one scale, their rendering, and the legend beside them.
 
 use super::camera::{Camera, Extent, Frame, Vec3};
 use super::image::{Image, text_width, write_text};
@@ -12,12 +11,12 @@ use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::store::Run;
 
-/// An axis of the file that points up.
+/// The axis of the file that points up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Up {
     /// 0, 1, 2: x, y, z.
     pub axis: usize,
-    /// Whether its negative end is up.
+    /// Whether its negative direction points up.
     pub negative: bool,
 }
 
@@ -43,7 +42,7 @@ impl std::str::FromStr for Up {
     }
 }
 
-/// Size, views and look of a picture.
+/// Size, views and style of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct PictureParams {
@@ -51,21 +50,21 @@ pub struct PictureParams {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Views on one sheet.
+    /// Number of views on one sheet.
     pub views: usize,
     /// Whether the background is transparent instead of white.
     pub transparent: bool,
-    /// Whether shares of the surface are listed.
+    /// Whether a legend lists the shares of the surface.
     pub legend: bool,
-    /// Whether lines are drawn between parts and at edges.
+    /// Whether lines are drawn between parts and at outlines.
     pub lines: bool,
     /// Samples per side of a pixel, 1 to 4.
     pub samples: usize,
-    /// The axis that points up; found where `None`.
+    /// The axis that points up; chosen automatically if `None`.
     pub up: Option<Up>,
-    /// Degrees to turn around that axis from the view found.
+    /// Rotation around that axis in degrees, relative to the automatic view.
     pub turn: f64,
-    /// Degrees to look from higher than found.
+    /// Additional elevation in degrees, relative to the automatic view.
     pub tilt: f64,
 }
 
@@ -100,7 +99,7 @@ crate::base::setters::setters!(PictureParams {
 });
 
 impl PictureParams {
-    /// Refuses what cannot be drawn.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
     /// [`Error::Parameter`].
@@ -125,10 +124,10 @@ impl PictureParams {
     }
 }
 
-/// Share of a cell that a shape fills at the most.
+/// Maximum share of a cell that a shape fills.
 const FILL: f64 = 0.92;
 
-/// How views share the picture.
+/// The arrangement of views in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sheet {
     columns: usize,
@@ -140,7 +139,7 @@ pub(super) struct Sheet {
     size: f64,
 }
 
-/// What is drawn.
+/// The drawn content.
 #[derive(Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub mesh: &'a Mesh,
@@ -150,7 +149,7 @@ pub(super) struct Scene<'a> {
 }
 
 impl Sheet {
-    /// The rows and columns that show views of these extents largest on `width` × `height` pixels.
+    /// The rows and columns that show views of these extents as large as possible on `width` × `height` pixels.
     pub(super) fn of(extents: &[Extent], width: usize, height: usize) -> Self {
         let views = extents.len().max(1);
         let most = |k: usize| extents.iter().map(|extent| extent.length(k)).fold(f64::MIN_POSITIVE, f64::max);
@@ -158,7 +157,7 @@ impl Sheet {
         let diagonal = extents.iter().map(Extent::diagonal).fold(f64::MIN_POSITIVE, f64::max);
         let with = |columns: usize| {
             let cell = ((width / columns).max(1), (height / views.div_ceil(columns)).max(1));
-            // A flat shape seen from its edge still fits.
+            // A flat shape seen edge-on must still fit.
             let scale = (FILL * cell.0 as f64 / across.max(1e-6 * diagonal))
                 .min(FILL * cell.1 as f64 / upright.max(1e-6 * diagonal));
             Self { columns, cell, scale, size: diagonal * scale }
@@ -171,7 +170,7 @@ impl Sheet {
         (view % self.columns * self.cell.0, view / self.columns * self.cell.1)
     }
 
-    /// Bytes that drawing a view takes: cells, normals twice, and what a pixel holds.
+    /// Bytes for drawing a view: cells, normals twice, and per-pixel data.
     pub(super) fn bytes(&self, samples: usize) -> u64 {
         let pixels = (self.cell.0 * self.cell.1) as u64;
         pixels * (16 * (samples * samples) as u64 + 36)
@@ -209,37 +208,37 @@ impl Sheet {
     }
 }
 
-/// Colour of the shares, and of the labels.
+/// Colour of the shares and labels in the legend.
 const DARK: [f32; 3] = [0.02; 3];
 const PALE: [f32; 3] = [0.13; 3];
 
-/// Letters of a name that the legend shows.
+/// Maximum number of letters of a name in the legend.
 const LONGEST: usize = 24;
-/// What faces are called that are in no part, or in one beyond those that a legend tells apart.
+/// The label of faces in no part, or in a part that the legend does not distinguish.
 const OTHERS: &str = "other faces";
 
 /// A line of the legend.
 #[derive(Clone, Debug, PartialEq)]
 struct Entry {
     label: usize,
-    /// The name, or the number without one.
+    /// The name, or the number if there is none.
     text: String,
     colour: [u8; 3],
     share: f64,
 }
 
-/// A legend ready to be drawn.
+/// A legend ready for drawing.
 #[derive(Clone, Debug)]
 pub(super) struct Legend {
     entries: Vec<Entry>,
-    /// Parts that found no room.
+    /// Number of parts without room in the legend.
     more: usize,
     dot: f64,
 }
 
 impl Legend {
-    /// The legend for a picture of `width` × `height`, of the `areas` of the parts that have `colours`, and last of
-    /// what is in none of them; none where it is too small, or there is only one part.
+    /// The legend for a picture of `width` × `height`, given the `areas` of the parts that have `colours`, and last the
+    /// area in none of them; `None` if the picture is too small, or there is only one part.
     pub(super) fn of(
         areas: &[f64],
         (colours, names): (&[[u8; 3]], &[String]),
@@ -268,7 +267,7 @@ impl Legend {
         Some(Self { entries, more, dot })
     }
 
-    /// Pixels the legend takes at the picture's right side.
+    /// Width of the legend in pixels, on the picture's right side.
     pub(super) fn width(&self) -> usize {
         (self
             .texts()
@@ -281,7 +280,7 @@ impl Legend {
         self.entries.iter().map(|entry| (entry.text.clone(), format!("{:.1} %", 100.0 * entry.share)))
     }
 
-    /// Draws it at the right side, in the middle of the height.
+    /// Draws it on the right side, vertically centred.
     pub(super) fn draw(&self, image: &mut Image) {
         let dot = self.dot;
         let line = 13.0 * dot;
@@ -301,7 +300,7 @@ impl Legend {
     }
 }
 
-/// A name as the legend shows it, or the number of a part without one.
+/// The displayed name, or the number of a part without one.
 fn shown(name: &str, label: usize) -> String {
     match name.char_indices().nth(LONGEST) {
         _ if name.is_empty() => label.to_string(),
@@ -310,7 +309,7 @@ fn shown(name: &str, label: usize) -> String {
     }
 }
 
-/// A disc of a colour.
+/// A coloured disc.
 fn swatch(image: &mut Image, left: f64, top: f64, size: f64, colour: [u8; 3]) {
     let colour = colour.map(linear);
     let radius = size / 2.0;

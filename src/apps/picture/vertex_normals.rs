@@ -1,9 +1,9 @@
-//! Smooth normals at vertices, for meshes whose faces are larger than samples.
+//! Smooth vertex normals, for meshes whose faces are larger than samples.
 //!
-//! Where a face is steeper to the [mean normal](crate::apps::vertex_sums) of its vertex than [`SMOOTH`], the surface
-//! has a crease at the vertex; each of its corners there gets the sum of those faces alone that are within [`SAME`] of
-//! its own. So a box has flat sides and sharp edges, and a cylinder a smooth side and a sharp rim. 12 bytes per vertex,
-//! and 16 per corner at creases, as far as the budget allows: beyond, corners at creases are flat.
+//! If a face is steeper to the [mean normal](crate::apps::vertex_sums) of its vertex than [`SMOOTH`], the surface has a
+//! crease at the vertex; each corner there gets the sum of only those faces that are within [`SAME`] of its own. So a
+//! box has flat sides and sharp edges, and a cylinder a smooth side and a sharp rim. 12 bytes per vertex, and 16 per
+//! corner at creases, as far as the budget allows: beyond that, corners at creases are flat.
 
 use super::camera::Vec3;
 use crate::apps::vertex_sums::{CHUNK, SMOOTH, VertexSums, each_corner};
@@ -15,11 +15,11 @@ use crate::store::Run;
 use crate::store::budget::Grant;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Cosine between two faces at a crease (60°) above which they are of one side.
+/// Minimum cosine (60°) for two faces at a crease to be on the same side.
 const SAME: f64 = 0.5;
 
-/// Corners at a crease above which each is flat: it would be compared with all others, of a million at the tip of a
-/// cone.
+/// Number of corners at a crease above which each is flat: comparing all of them with each other would be too slow at
+/// the tip of a cone with a million.
 const MOST: usize = 1 << 10;
 
 /// Normals of vertices.
@@ -31,18 +31,18 @@ pub(super) struct VertexNormals {
 /// The corners at vertices where the surface has a crease.
 #[derive(Default)]
 struct Creases {
-    /// One bit per vertex, and the set ones before each word.
+    /// One bit per vertex, and the number of set bits before each word.
     bits: Vec<u64>,
     before: Vec<u32>,
-    /// First corner of each creased vertex, and one more.
+    /// First corner of each vertex with a crease, followed by the end.
     starts: Vec<u32>,
-    /// Normals of the corners' faces, as long as their angles.
+    /// Normals of the corners' faces, scaled by their angles.
     corners: Vec<[f32; 3]>,
     _grant: Option<Grant>,
 }
 
 impl VertexNormals {
-    /// Adds up the normals of all faces, and finds the creases.
+    /// Sums the normals of all faces, and finds the creases.
     pub(super) fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
         let mut all = Self { sums: VertexSums::of(mesh, run)?, creases: Creases::default() };
         all.creases = all.creases(mesh, run)?;
@@ -77,7 +77,7 @@ impl VertexNormals {
             Ok(mine)
         };
         let corners: u64 = run.map_chunks(chunk_count(n, CHUNK), || (), count)?.into_iter().sum();
-        // Found in order, then grouped: both are there at the same time.
+        // They are collected in order, then grouped: both copies exist at the same time.
         let bytes = 28 * corners + 4 * u64::from(creased);
         let Ok(grant) = run.budget.take("creases of the picture", bytes, bytes) else { return Ok(Creases::default()) };
         let found = |k, (): &mut ()| {
@@ -117,7 +117,7 @@ impl VertexNormals {
                 for corner in corners {
                     let normal = corner.map(f64::from);
                     let sure = dot(normal, normal).sqrt();
-                    // A face that is wound the other way is still the same surface.
+                    // A face of opposite winding still belongs to the same surface.
                     let along = dot(normal, face);
                     if along.abs() > SAME * sure {
                         sum = add_scaled(sum, along.signum(), normal);
@@ -130,7 +130,7 @@ impl VertexNormals {
 }
 
 impl Creases {
-    /// The number of `vertex` among those with a crease.
+    /// The index of `vertex` among those with a crease.
     fn rank(&self, vertex: u32) -> Option<u32> {
         let word = self.bits.get(vertex as usize / 64)?;
         let bit = vertex % 64;
@@ -150,7 +150,7 @@ mod tests {
     use super::*;
     use crate::base::vector::double_area;
 
-    /// A prism of `sides` sides and two lids, closed.
+    /// A closed prism with `sides` sides and two lids.
     fn prism(sides: usize) -> Mesh {
         let mut points = vec![[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
         for k in 0..sides {

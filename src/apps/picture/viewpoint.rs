@@ -1,7 +1,7 @@
-//! The viewpoint: which axis points up, and the view around it that shows most.
+//! The viewpoint: which axis points up, and the most informative view around it.
 //!
 //! One pass over all faces for the areas of the parts, one over a sample of 40,000 triangles (60 bytes each) that
-//! stands for the mesh, then sixty small pictures of that sample: some 0.1 s whatever the mesh.
+//! represents the mesh, then sixty small pictures of that sample: some 0.1 s whatever the mesh.
 
 use super::camera::{Camera, Extent, Frame, Vec3};
 use super::raster::{CHUNK, Canvas, each_triangle, triangles_of};
@@ -11,7 +11,7 @@ use crate::base::vector::{dot, double_area};
 use crate::mesh::Mesh;
 use crate::store::Run;
 
-// The first look at a mesh: the area of each part, and a sample of triangles that stands for the whole.
+// The first pass over a mesh: the area of each part, and a sample of triangles that represents the whole.
 //
 // One parallel pass over all faces and one over a sample; 60 bytes per sampled triangle.
 
@@ -46,10 +46,10 @@ pub(super) fn areas(mesh: &Mesh, labels: &[u32], parts: usize, run: &Run) -> Res
     Ok(areas)
 }
 
-/// A triangle that stands for its neighbours too.
+/// A triangle that also represents its neighbours.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Piece {
-    /// Corners; in a sample, drawn out so that pieces together cover about what the mesh covers.
+    /// Corners; in a sample, enlarged so that the pieces together cover about as much as the mesh.
     pub at: [Vec3; 3],
     pub middle: Vec3,
     /// Of length 1, or 0 where the triangle has no area.
@@ -58,7 +58,7 @@ pub(super) struct Piece {
     pub label: u32,
 }
 
-/// Some [`SAMPLE`] triangles, evenly over the file; all of a smaller mesh.
+/// Some [`SAMPLE`] triangles, evenly spread over the file; all of a smaller mesh.
 pub(super) fn sample(mesh: &Mesh, labels: Option<&[u32]>, run: &Run) -> Result<Vec<Piece>> {
     let n = mesh.faces.len();
     let step = n.div_ceil(SAMPLE).max(1);
@@ -67,7 +67,7 @@ pub(super) fn sample(mesh: &Mesh, labels: Option<&[u32]>, run: &Run) -> Result<V
     let chunk = |k, (): &mut ()| {
         let mut found = Vec::new();
         for one in chunk_range(n.div_ceil(step), CHUNK, k) {
-            // Not at a fixed stride, which could fall in step with rows of a grid.
+            // Jittered, since a fixed stride could be in step with rows of a grid.
             let face = (one * step + one.wrapping_mul(0x9e37_79b1) % step).min(n - 1);
             triangles_of(mesh, face, |_, at| {
                 let middle = [0, 1, 2].map(|k| (at[0][k] + at[1][k] + at[2][k]) / 3.0);
@@ -100,9 +100,9 @@ pub(super) fn sample(mesh: &Mesh, labels: Option<&[u32]>, run: &Run) -> Result<V
 
 // Which axis of the file points up.
 //
-// Files do not say. Each of the six directions is given points: for standing well (its lowest slice reaches under the
-// centre of mass, and wide), for a flat bottom, for not being an axis of mirror symmetry (animals, people and chairs
-// are symmetric left to right, not top to bottom), and for custom (y, then z, rarely downwards). Microseconds per
+// Files do not say. Each of the six directions is scored: for standing well (its lowest slice reaches under the centre
+// of mass, and wide), for a flat bottom, for not being an axis of mirror symmetry (animals, people and chairs are
+// symmetric left to right, not top to bottom), and for convention (y, then z, rarely downwards). Microseconds per
 // sampled triangle.
 
 /// Cells per side of the grid on which symmetry is measured.
@@ -129,7 +129,7 @@ pub(super) fn upright(pieces: &[Piece]) -> Vec3 {
     best.0
 }
 
-/// How well the shape stands on its lowest slice, and how flat that is, both 0 to 1.
+/// How well the shape stands on its lowest slice, and how flat that slice is, both 0 to 1.
 fn standing(pieces: &[Piece], extent: &Extent, axis: usize, sign: f64) -> (f64, f64) {
     let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
     let bottom = if sign > 0.0 { extent.low[axis] } else { extent.high[axis] };
@@ -152,16 +152,16 @@ fn standing(pieces: &[Piece], extent: &Extent, axis: usize, sign: f64) -> (f64, 
     }
     let reach = |k: usize| {
         let under = centre[k] / mass;
-        // How far the foot reaches beyond the centre to the worse side, as a share of the shape's half width.
+        // How far the foot extends beyond the centre on the worse side, as a share of the shape's half width.
         let margin = (under - foot.low[k]).min(foot.high[k] - under);
         (2.0 * margin / extent.length(k).max(f64::MIN_POSITIVE)).clamp(-0.2, 0.5) / 0.5
     };
-    // Only a foot that reaches well beyond the centre to all sides counts.
+    // Only a foot that extends well beyond the centre on all sides counts.
     let stands = 2.0 * reach(a).min(reach(b)) - 1.0;
     (stands.clamp(0.0, 1.0), (flat / mass * 12.0).min(1.0))
 }
 
-/// How alike the shape and its mirror image along `axis` are: 0 to 1.
+/// The similarity of the shape and its mirror image along `axis`: 0 to 1.
 fn symmetry(pieces: &[Piece], extent: &Extent, axis: usize) -> f64 {
     let longest = (0..3).map(|k| extent.length(k)).fold(f64::MIN_POSITIVE, f64::max);
     let cell = |p: Vec3| {
@@ -182,20 +182,20 @@ fn symmetry(pieces: &[Piece], extent: &Extent, axis: usize) -> f64 {
     common / here.iter().sum::<f64>().max(f64::MIN_POSITIVE)
 }
 
-// From where to look: the view that shows most.
+// The direction of view: the view that shows most.
 //
-// Sixty views around the upright axis, from eye level to well above, are drawn small from a sample of the mesh. A view
-// counts for how much of each part it shows against the view that shows it best (small parts weigh more than their
-// area), for its area, for the relief on it, and for its depth; views from slightly above and from what is the front by
-// custom are preferred. Some 0.1 s.
+// Sixty views around the upright axis, from eye level to well above, are rendered small from a sample of the mesh. A
+// view is scored by how much of each part it shows compared with the best view of that part (small parts count more
+// than their area), by its area, by the relief on it, and by its depth; views from slightly above and from the
+// conventional front are preferred. Some 0.1 s.
 
-/// Views around, and their elevations in degrees with what custom gives them.
+/// Number of views around, and their elevations in degrees with a bonus by convention.
 const AROUND: usize = 20;
 const ELEVATIONS: [(f64, f64); 3] = [(4.0, 0.05), (18.0, 0.12), (36.0, 0.0)];
 /// Samples per side of the small picture.
 const SMALL: usize = 112;
 
-/// What a view shows.
+/// The content of a view.
 struct Seen {
     parts: Vec<f64>,
     area: f64,
@@ -224,7 +224,7 @@ pub(super) fn best(pieces: &[Piece], parts: usize, up: Vec3, run: &Run) -> Resul
     let best: Vec<f64> = (0..=parts).map(|part| most(&|s| s.parts[part])).collect();
     let weight: Vec<f64> = best.iter().map(|&cells| if cells < 4.0 { 0.0 } else { cells.sqrt() }).collect();
     let total = weight.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    // Shapes with y up look along z by custom, those with z up along y, as in anatomy.
+    // By convention, shapes with y up are seen along z, those with z up along y, as in anatomy.
     let front = if up[1] != 0.0 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
     let mut chosen = (0, f64::NEG_INFINITY);
     for (k, (seen, view)) in seen.iter().zip(&views).enumerate() {

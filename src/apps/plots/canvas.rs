@@ -1,5 +1,5 @@
-//! Draws with `plotters` to SVG or PNG, whichever the ending of the file names; text in a PNG is of the
-//! [embedded typeface](crate::apps::text), so that no font of the machine is needed.
+//! Draws with `plotters` to SVG or PNG, depending on the file extension; text in a PNG uses the [embedded
+//! typeface](crate::apps::text), so that no system font is needed.
 
 use crate::apps::picture::image;
 use crate::apps::text;
@@ -14,15 +14,15 @@ use plotters_backend::{BackendColor, BackendCoord, BackendStyle, BackendTextStyl
 use std::io::Write;
 use std::path::Path;
 
-/// Text and axes.
+/// Colour of text and axes.
 pub(super) const INK: RGBColor = RGBColor(60, 60, 60);
-/// Lines behind the data.
+/// Colour of grid lines.
 pub(super) const RULE: RGBColor = RGBColor(225, 225, 225);
 
-/// What drawing gives.
+/// The result of drawing.
 pub(super) type Drawn<B> = std::result::Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
-/// Something drawn on any backend.
+/// Something that can be drawn on any backend.
 pub(super) trait Drawing {
     /// Draws all of it on `area`.
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B>;
@@ -31,7 +31,7 @@ pub(super) trait Drawing {
 /// Draws to `path`, which ends in `.svg` or `.png`, `size` pixels wide and high.
 ///
 /// # Errors
-/// [`Error::Parameter`] for another ending, [`Error::Unusable`] where it cannot be drawn, [`Error::Io`].
+/// [`Error::Parameter`] for another extension, [`Error::Unusable`] if drawing fails, [`Error::Io`].
 pub(super) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Result<()> {
     let failed = |problem: String| Error::unusable(path, format!("cannot be drawn ({problem})"), "check the folder");
     match path.extension().map(|ending| ending.to_ascii_lowercase()) {
@@ -40,7 +40,7 @@ pub(super) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Res
             drawing
                 .draw(&SVGBackend::with_string(&mut text, size).into_drawing_area())
                 .map_err(|error| failed(error.to_string()))?;
-            // Names of meshes are in titles; XML knows no control characters.
+            // Titles contain names of meshes; XML does not allow control characters.
             let text = printable::lines(&text);
             publish(path, 0, |file| file.write_all(text.as_bytes()).map_err(Error::io(path, "write")))
         }
@@ -99,7 +99,7 @@ impl<'a> DrawingBackend for PixelText<'a> {
                 HPos::Center => width / 2.,
                 HPos::Right => width,
             };
-        // Of the middle of capitals, which are 0.73 em high.
+        // Measured from the middle of capitals, which are 0.73 em high.
         let base = f64::from(at.1)
             + match anchor.v_pos {
                 VPos::Top => 0.86 * size,

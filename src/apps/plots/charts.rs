@@ -1,5 +1,5 @@
-//! Charts of scores and of the study: bars by category next to those of people, lines with error bars (the paper's
-//! Fig. 5), a scatter with quadrants (Fig. 1).
+//! Charts of scores and of the study: bars by category beside those of people, lines with error bars (the paper's Fig.
+//! 5), a scatter plot with quadrants (Fig. 1).
 
 use super::canvas::{Drawing, Drawn, INK, RULE, save};
 use crate::apps::evaluate::ScoreTable;
@@ -25,7 +25,7 @@ const BAR_RULE: RGBColor = RGBColor(215, 215, 215);
 const OURS: RGBColor = RGBColor(0, 114, 178);
 const PEOPLE: RGBColor = RGBColor(230, 159, 0);
 
-/// A category: ours and, where known, people's.
+/// A category: our score and, if known, people's.
 struct Bar<'a> {
     name: &'a str,
     ours: f64,
@@ -35,8 +35,8 @@ struct Bar<'a> {
 /// Draws 1 − Rand by category to `path`, which ends in `.svg` or `.png`.
 ///
 /// # Errors
-/// [`crate::base::Error::Parameter`] for another ending, [`crate::base::Error::Unusable`] where
-/// the file cannot be drawn.
+/// [`crate::base::Error::Parameter`] for another extension, [`crate::base::Error::Unusable`] if the file cannot be
+/// drawn.
 pub fn scores_by_category(path: &Path, table: &ScoreTable, people: &ScoreTable) -> Result<()> {
     let all = |table: &ScoreTable| -> Vec<(String, f64)> {
         let rows = table.categories.iter().chain(&table.overall);
@@ -95,7 +95,7 @@ impl Drawing for CategoryBars<'_> {
 }
 
 const RED: RGBColor = RGBColor(204, 51, 51);
-/// Told apart by everyone (after Okabe and Ito).
+/// Colours that everyone can distinguish (after Okabe and Ito).
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 0, 0),
     RGBColor(230, 159, 0),
@@ -110,8 +110,8 @@ const COLOURS: [RGBColor; 8] = [
 /// Γ/n and the held-out residual over the number of landmarks, one line per sampling, bars of one standard deviation.
 ///
 /// # Errors
-/// [`crate::base::Error::Parameter`] for another ending, [`crate::base::Error::Unusable`] where
-/// the file cannot be drawn.
+/// [`crate::base::Error::Parameter`] for another extension, [`crate::base::Error::Unusable`] if the file cannot be
+/// drawn.
 pub fn comparison(path: &Path, lines: &[SamplingSummary], title: &str) -> Result<()> {
     save(path, (960, 440), &Comparison { lines, title })
 }
@@ -192,7 +192,7 @@ impl Comparison<'_> {
             .draw()?;
         for (k, sampling) in samplings.iter().enumerate() {
             let colour = COLOURS[k % COLOURS.len()];
-            // Bars side by side instead of on top of each other.
+            // Error bars beside each other instead of on top of each other.
             let shift = (k as f64 - (samplings.len() - 1) as f64 / 2.) * most * 0.004;
             let mut points: Vec<(f64, Spread)> = self
                 .lines
@@ -234,7 +234,7 @@ impl Drawing for Scatter<'_> {
         let font = || ("sans-serif", 13).into_font().color(&INK);
         let mut chart = ChartBuilder::on(area)
             .margin(10)
-            // Text in a PNG cannot be turned, so the axis is named here.
+            // Text in a PNG cannot be rotated, so the axis is named here.
             .caption(format!("upwards: Gamma, S2 - S1; {}", self.title), font())
             .x_label_area_size(36)
             .y_label_area_size(48)

@@ -1,6 +1,6 @@
-//! How the eigenvalues of the landmarks' affinities A fall, on a logarithmic scale where they fall far.
+//! The decay of the eigenvalues of the landmarks' affinities A, on a logarithmic scale if they span several decades.
 //!
-//! Where they have fallen to nothing, more landmarks or coordinates tell nothing more; negative ones say that the
+//! Where they have decayed to nothing, more landmarks or coordinates add no information; negative ones show that the
 //! kernel of these distances is indefinite.
 
 use super::canvas::{Drawing, Drawn, INK, RULE, save};
@@ -14,7 +14,7 @@ use std::path::Path;
 const KEPT: RGBColor = RGBColor(0, 114, 178);
 const DROPPED: RGBColor = RGBColor(150, 150, 150);
 const NEGATIVE: RGBColor = RGBColor(213, 94, 0);
-/// What is smaller than this share of the greatest is drawn there: rounding, no spectrum.
+/// Values below this share of the greatest are drawn at it: they are rounding errors.
 const LEAST: f64 = 1e-9;
 
 /// Eigenvalues to draw.
@@ -39,7 +39,7 @@ impl Spectrum<'_> {
     /// Draws to `path`, which ends in `.svg` or `.png`.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for another ending or no positive eigenvalue, [`Error::Unusable`], [`Error::Io`].
+    /// [`Error::Parameter`] for another extension or no positive eigenvalue, [`Error::Unusable`], [`Error::Io`].
     pub fn plot(&self, path: &Path) -> Result<()> {
         if self.values.first().is_some_and(|first| first.is_finite() && *first > 0.) {
             return save(path, (720, 420), self);
@@ -55,7 +55,7 @@ impl Drawing for Spectrum<'_> {
         let (count, first) = (self.values.len(), self.values[0]);
         let share = |value: f64| (value.abs() / first).max(LEAST);
         let least = self.values.iter().map(|&value| share(value)).fold(1., f64::min);
-        // What falls by less than a decade is better read on a plain scale.
+        // A range of less than a decade is better shown on a linear scale.
         let decades = -least.log10().floor();
         let logarithmic = decades > 1.;
         let height = |value: f64| if logarithmic { share(value).log10() } else { share(value) };

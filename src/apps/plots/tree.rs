@@ -1,9 +1,9 @@
 //! The hierarchy of parts as a dendrogram, with the cut drawn in.
 //!
-//! A hierarchy has thousands of cells; what people look at are its last unions. Branches of less than a hundredth of
-//! the surface are left out, branches that lie across parts are opened, and then the coarsest ones until there are some
-//! thirty rows. The root is at the left; a union stands at the level up to which cuts make it, so that a vertical line
-//! at a level crosses the parts of that cut. Branches within a part have its colour. O(cells) per branch.
+//! A hierarchy has thousands of cells; people are interested in its last unions. Branches of less than a hundredth of
+//! the surface are left out; branches that span several parts are expanded, and then the coarsest ones until there are
+//! some thirty rows. The root is on the left; a union is drawn at the level up to which cuts make it, so that a
+//! vertical line at a level crosses the parts of that cut. Branches within a part have its colour. O(cells) per branch.
 
 use super::canvas::{Drawing, Drawn, INK, RULE, save};
 use crate::base::Result;
@@ -17,25 +17,25 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Rows that are filled even where there are fewer parts.
+/// Number of rows that are filled even if there are fewer parts.
 const ROWS: usize = 30;
-/// Rows at the most.
+/// Maximum number of rows.
 const MOST: usize = 200;
 /// Branches below this share of the surface are left out, unless parts are that small.
 const LEAST: f64 = 0.01;
 
-/// A branch: a set of cells that some union made, or a single cell.
+/// A branch: a set of cells made by some union, or a single cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Branch {
     /// Level of the union of its two sides, 0 to 1; 1 for a cell.
     pub level: f64,
     /// Share of the surface.
     pub area: f64,
-    /// Its row; between those of its children where it has any.
+    /// Its row; between those of its children if it has any.
     pub row: f64,
-    /// The part that it lies in, unless it lies across parts.
+    /// The part that it lies in, unless it spans several parts.
     pub part: Option<u32>,
-    /// The two branches it is made of, numbers in [`Dendrogram::branches`]; `None` where it is not opened.
+    /// The two branches that it consists of, as indices into [`Dendrogram::branches`]; `None` if it is not expanded.
     pub children: Option<[usize; 2]>,
 }
 
@@ -63,7 +63,7 @@ impl Nodes {
             level: vec![1.; n],
             area: tree.area.iter().map(|&share| f64::from(share)).collect(),
         };
-        // The node that stands for a set of cells, by the set's representative.
+        // The node of each set of cells, indexed by the set's representative.
         let (mut sets, mut node): (_, Vec<usize>) = (Forest::new(n), (0..n).collect());
         for (&cells, &level) in tree.unions.iter().zip(&tree.level) {
             let [a, b] = cells.map(|cell| node[sets.find(cell) as usize]);
@@ -76,8 +76,8 @@ impl Nodes {
         nodes
     }
 
-    /// The first branch at or below `node` whose two sides are both at least `least`: its level and sides. Without one,
-    /// the level of `node`.
+    /// The first branch at or below `node` whose two sides both have at least `least`: its level and sides. If there is
+    /// none, the level of `node`.
     fn forked(&self, node: usize, least: f64) -> (f64, Option<[usize; 2]>) {
         let mut at = node;
         while let Some([a, b]) = self.children[at] {
@@ -102,7 +102,7 @@ impl Nodes {
         shares
     }
 
-    /// The part that all of `node` lies in but for pieces below `least`.
+    /// The part that contains all of `node` except pieces below `least`.
     fn part(&self, node: usize, cut: &TreeCut, least: f64) -> Option<u32> {
         let shares = self.shares(node, cut);
         let (&part, _) = shares.iter().max_by(|a, b| a.1.total_cmp(b.1))?;
@@ -111,15 +111,15 @@ impl Nodes {
 }
 
 impl Dendrogram {
-    /// Lays out the branches of `tree`, which [`PartTree::check`] accepts, under its cut `cut`. O(S) a branch.
+    /// Lays out the branches of `tree`, which must pass [`PartTree::check`], for its cut `cut`. O(S) per branch.
     pub fn of(tree: &PartTree, cut: &TreeCut) -> Self {
         let nodes = Nodes::of(tree);
         let mut parts = vec![0.; cut.parts];
         cut.label.iter().zip(&nodes.area).for_each(|(&part, area)| parts[part as usize] += area);
-        // A number of parts that is asked for may make them small.
+        // A requested number of parts may make them small.
         let least = parts.iter().fold(LEAST, |least, part| least.min(part / 2.));
         let mut plot = Self { branches: Vec::new(), rows: 1 };
-        // The sides of branches that could be opened.
+        // The sides of branches that can be expanded.
         let mut sides = Vec::new();
         let add = |plot: &mut Self, sides: &mut Vec<Option<[usize; 2]>>, node: usize| {
             let (level, fork) = nodes.forked(node, least);
@@ -129,7 +129,7 @@ impl Dendrogram {
         };
         add(&mut plot, &mut sides, nodes.area.len() - 1);
         while plot.rows < MOST {
-            // Across parts first, then the coarsest.
+            // Branches that span several parts first, then the coarsest.
             let urgent = |branch: usize| plot.branches[branch].part.is_none();
             let order = |&a: &usize, &b: &usize| {
                 let level = |branch: usize| plot.branches[branch].level;
@@ -146,7 +146,7 @@ impl Dendrogram {
         plot
     }
 
-    /// Gives every branch its row.
+    /// Assigns a row to every branch.
     fn place(&mut self) {
         let (mut row, mut open) = (0., vec![0]);
         while let Some(branch) = open.pop() {
@@ -158,7 +158,7 @@ impl Dendrogram {
                 }
             }
         }
-        // Children have greater numbers than their parents.
+        // Children have greater indices than their parents.
         for branch in (0..self.branches.len()).rev() {
             if let Some([a, b]) = self.branches[branch].children {
                 self.branches[branch].row = (self.branches[a].row + self.branches[b].row) / 2.;
@@ -183,7 +183,7 @@ pub struct TreePlot<'a> {
     pub plot: &'a Dendrogram,
     /// One colour per part; black beyond.
     pub colours: &'a [[u8; 3]],
-    /// The level of the cut, where it is at one level: not where a number of parts was asked for.
+    /// The level of the cut, if it is at a single level: not if a number of parts was requested.
     pub threshold: Option<f64>,
 }
 
@@ -191,7 +191,7 @@ impl TreePlot<'_> {
     /// Draws to `path`, which ends in `.svg` or `.png`.
     ///
     /// # Errors
-    /// [`crate::base::Error::Parameter`] for another ending, [`crate::base::Error::Unusable`] where it cannot be drawn,
+    /// [`crate::base::Error::Parameter`] for another extension, [`crate::base::Error::Unusable`] if it cannot be drawn,
     /// [`crate::base::Error::Io`].
     pub fn plot(&self, path: &Path) -> Result<()> {
         save(path, (WIDTH, (TOP + ROW * self.plot.rows as i32 + 56) as u32), self)
@@ -270,7 +270,7 @@ mod tests {
     use crate::cluster::parts::CellGraph;
     use crate::cluster::parts::hierarchy::CellUnion;
 
-    /// Sixteen cells: neighbours in pairs, pairs in fours, and so on; the level falls with the step.
+    /// Sixteen cells: neighbours joined in pairs, pairs in fours, and so on; the level decreases with each step.
     fn tree(area: Vec<f64>) -> PartTree {
         let pairs: Vec<[u32; 2]> = (1..16).map(|i| [i - 1, i]).collect();
         let cells = CellGraph { area, length: vec![1.; pairs.len()], pairs, ..CellGraph::default() };

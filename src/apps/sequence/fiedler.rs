@@ -1,15 +1,15 @@
-//! Fiedler vectors: the exact one of a small mesh, which other orders are measured against, and sweeps that better an
-//! extrapolated one of a mesh of any size.
+//! Fiedler vectors: the exact one of a small mesh, as a reference for other orders, and sweeps that improve an
+//! extrapolated one on a mesh of any size.
 //!
 //! Exact: the Laplacian D − A of a component's vertex graph, numbered along a good order so that its rows are short, is
-//! factored by Cholesky in its envelope; inverse iteration on [`BLOCK`] vectors with Rayleigh–Ritz steps then finds the
+//! factorised by envelope Cholesky; inverse iteration on [`BLOCK`] vectors with Rayleigh–Ritz steps then finds the
 //! second eigenvector to a residual of [`RESIDUAL`]. Memory: 8 bytes per entry of the envelope (vertices × mean front);
-//! time: its vertices × front². There is none where the budget does not grant that.
+//! time: vertices × front². Not computed if the budget does not grant that.
 //!
-//! Sweeps ([`sweep`], Jacobi's): every coordinate becomes the mean of itself and its neighbours'. A sweep damps what
-//! changes quickly over the mesh and leaves the Fiedler vector nearly alone. A component's mean tends to stay and its
-//! range to shrink: coordinates are `f64`, which bears a range of 1e-10. Streamed: a sweep reads graph and coordinates
-//! once, some 30 bytes per vertex and neighbours nearby, and writes another 8.
+//! Sweeps ([`sweep`], Jacobi's method): every coordinate becomes the mean of itself and its neighbours'. A sweep damps
+//! high frequencies and leaves the Fiedler vector nearly unchanged. A component's mean is nearly preserved and its
+//! range shrinks: coordinates are `f64`, which tolerates a range of 1e-10. Streamed: a sweep reads graph and
+//! coordinates once, some 30 bytes per vertex and nearby neighbours, and writes another 8.
 
 use crate::base::random::{stream, unit};
 use crate::base::sort::order_by;
@@ -19,7 +19,7 @@ use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice};
 use nalgebra::DMatrix;
 
-/// Vectors iterated together: more than eigenvalues ever lie close.
+/// Number of vectors iterated together: more than the number of eigenvalues that are ever close.
 const BLOCK: usize = 6;
 /// ‖Lx − λx‖ / λ at the end.
 const RESIDUAL: f64 = 1e-5;
@@ -47,7 +47,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     lanes.iter().sum::<f64>() + rest
 }
 
-/// Entries of the envelope of a graph whose vertices are numbered by their places in `rows`.
+/// Number of entries of the envelope of a graph whose vertices are numbered by their indices in `rows`.
 fn envelope(rows: &[Vec<u32>]) -> usize {
     rows.iter()
         .enumerate()
@@ -77,7 +77,7 @@ impl<'a> Laplacian<'a> {
             for &w in rows[i].iter().filter(|&&w| (w as usize) < i) {
                 row[w as usize - first[i]] = -1.;
             }
-            // The Laplacian itself is singular; the shift only moves constants, which are projected out.
+            // The Laplacian itself is singular; the shift affects only constants, which are projected out.
             row[i - first[i]] = rows[i].len() as f64 + 1e-9;
             for j in first[i]..i {
                 let common = first[i].max(first[j]);
@@ -172,14 +172,13 @@ fn fiedler(rows: &[Vec<u32>], cancel: &Cancel) -> Result<Vec<f64>> {
     Ok(block.swap_remove(0))
 }
 
-/// Entries of all envelopes at the most: 256 MiB.
+/// Maximum number of entries of all envelopes: 256 MiB.
 const ENTRIES: usize = 1 << 25;
-/// Vertices at the most.
+/// Maximum number of vertices.
 const VERTICES: usize = 200_000;
 
 /// Ranks of the vertices of `graph` along the Fiedler vectors of its components, which follow each other by their first
-/// vertices in the order `good`, the one that keeps envelopes small; `None` where the mesh is not small, or memory is.
-///
+/// vertices in the order `good`, which keeps envelopes small; `None` if the mesh is too large, or memory too small.
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn fiedler_ranks(
@@ -242,7 +241,7 @@ pub fn fiedler_ranks(
 
 const CHUNK: usize = 1 << 14;
 
-/// Sweeps `times` times over `coordinates` (one per vertex of `graph`); returns them in one of two arrays.
+/// Applies `times` sweeps to `coordinates` (one per vertex of `graph`); returns the result in one of two arrays.
 pub fn sweep(
     graph: &VertexAdjacency,
     mut coordinates: ArrayMut<f64>,

@@ -1,13 +1,14 @@
-//! Orders to stream a mesh in: so that a reader that goes over the file once holds few vertices at a time.
+//! Orders for streaming a mesh, such that a reader that reads the file once holds few vertices at a time.
 //!
-//! Every order is a rank of the vertices; faces follow by the ranks of their corners, the greatest first ([`places`]),
-//! so that a face comes as soon as all its vertices have; vertices are numbered as faces use them ([`VertexUse`]).
-//! Spectral ranks come from coordinates made by the pipeline ([`ranks_along`]); principal axes, Hilbert's curve,
-//! breadth-first search, reverse Cuthill–McKee and chance share all the rest. All of it is external sorts within the
-//! budget, but for searches and sweeps, which go over mapped files. How well an order streams: [`StreamMeasures`].
+//! Every order is a rank of the vertices; faces are ordered by the ranks of their corners, the greatest first
+//! ([`places`]), so that a face comes as soon as all its vertices have; vertices are numbered in the order in which
+//! faces use them ([`VertexUse`]). Spectral ranks come from coordinates computed by the pipeline ([`ranks_along`]);
+//! principal axes, Hilbert's curve, breadth-first search, reverse Cuthill–McKee and random order share the rest.
+//! Everything is external sorts within the budget, except searches and sweeps, which use mapped files. How well an
+//! order streams: [`StreamMeasures`].
 //!
-//! Faces go by the ranks of their corners, not by a rank of their own: on a grid along its length this is the optimum,
-//! while faces by centroids keep about one more row of vertices waiting.
+//! Faces are ordered by the ranks of their corners, not by a rank of their own: on a grid along its length this is
+//! optimal, while ordering faces by centroids keeps about one more row of vertices waiting.
 
 pub mod fiedler;
 mod ranks;
@@ -26,7 +27,7 @@ use std::ops::Range;
 pub use stream_measures::{ComparedOrder, StreamMeasures, table};
 pub use vertex_use::VertexUse;
 
-/// What to order by.
+/// The criterion of an order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SequenceOrder {
@@ -35,13 +36,13 @@ pub enum SequenceOrder {
     Spectral,
     /// The longest principal axis of the vertices.
     Pca,
-    /// Breadth-first search from a vertex far out.
+    /// Breadth-first search from a peripheral vertex.
     Bfs,
     /// Reverse Cuthill–McKee.
     Rcm,
     /// Hilbert's curve.
     Hilbert,
-    /// Chance.
+    /// A random order.
     Random,
     /// The file's own order of faces.
     Keep,
@@ -52,7 +53,7 @@ impl SequenceOrder {
     pub const ALL: [Self; 7] =
         [Self::Spectral, Self::Pca, Self::Bfs, Self::Rcm, Self::Hilbert, Self::Random, Self::Keep];
 
-    /// Its name on the command line.
+    /// Its name in options and reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Spectral => "spectral",
@@ -66,8 +67,8 @@ impl SequenceOrder {
     }
 }
 
-/// The place of each face of `mesh`, whose vertices have the ranks `rank`: by the greatest rank of its corners, then by
-/// the second, then by the least, then by number. Faces without corners come last.
+/// The position of each face of `mesh`, whose vertices have the ranks `rank`: by the greatest rank of its corners, then
+/// by the second, then by the least, then by number. Faces without corners come last.
 ///
 /// # Errors
 /// As [`bfs_ranks`].
@@ -102,15 +103,15 @@ pub fn places(name: &str, mesh: &Mesh, rank: &[u32], context: Context<'_>) -> Re
     scatter.finish()
 }
 
-/// Steps of the gradient; every other tenth is darker, so that the front's shape shows.
+/// Number of colour steps; alternate bands are darker, so that the shape of the front is visible.
 const STEPS: usize = 240;
 /// Steps per band.
 const BAND: usize = 12;
-/// Colours on the way, evenly.
+/// Colours of the gradient, evenly spaced.
 const STOPS: [[f64; 3]; 5] =
     [[38., 60., 140.], [40., 120., 170.], [60., 170., 130.], [150., 200., 80.], [250., 225., 70.]];
 
-/// Labels of faces by their place in steps, as a temporary array of `work`, and the steps' colours.
+/// Labels of faces by their position in steps, as a temporary array of `work`, and the steps' colours.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`].

@@ -1,10 +1,10 @@
-//! Ranks of vertices: breadth-first and reverse Cuthill–McKee searches, principal axes, Hilbert's curve,
-//! any coordinate, and chance.
+//! Ranks of vertices: breadth-first and reverse Cuthill–McKee searches, principal axes, Hilbert's curve, any
+//! coordinate, and random.
 //!
-//! Searches (Cuthill, McKee 1969; George, Liu 1979): each component is entered at a vertex as far out as repeated
-//! searches find (George and Liu's pseudo-peripheral vertex); components follow each other by their first vertices.
-//! Cost: about five searches, one thread; 8 bytes per vertex in mapped files, read and written as locally as the mesh
-//! is numbered. A search is a queue that is the order itself. All other ranks are external sorts within the budget.
+//! Searches (Cuthill, McKee 1969; George, Liu 1979): each component is entered at a peripheral vertex found by repeated
+//! searches (George and Liu's pseudo-peripheral vertex); components follow each other by their first vertices. Cost:
+//! about five searches, one thread; 8 bytes per vertex in mapped files, accessed as locally as the mesh is numbered. A
+//! search's queue is the order itself. All other ranks are external sorts within the budget.
 
 use super::sorting::{Scatter, ordered, ranks_by_key};
 use crate::base::Result;
@@ -15,16 +15,16 @@ use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
-/// Vertices between looks at the stop flag.
+/// Vertices between checks of the stop flag.
 const STOP_CHECK: usize = 1 << 16;
-/// Searches for a start, at the most.
+/// Maximum number of searches for a start.
 const SEARCHES: usize = 8;
 
 struct Search<'a> {
     graph: &'a VertexAdjacency,
-    /// The number of the search that met a vertex last.
+    /// The number of the search that visited a vertex last.
     met: &'a mut [u32],
-    /// Vertices in order of meeting, of all components.
+    /// Vertices in order of visit, of all components.
     queue: &'a mut [u32],
     searches: u32,
     by_degree: bool,
@@ -36,8 +36,8 @@ impl Search<'_> {
         self.graph.neighbours(v).len()
     }
 
-    /// Searches from `start`, filling the queue from `base` on; tells its end, the levels, and
-    /// where the last level began.
+    /// Searches from `start`, filling the queue from `base` on; returns its end, the number of levels, and the start of
+    /// the last level.
     fn from(&mut self, start: u32, base: usize) -> Result<(usize, usize, usize)> {
         self.searches += 1;
         let graph = self.graph;
@@ -69,7 +69,7 @@ impl Search<'_> {
         Ok((end, levels, last))
     }
 
-    /// Orders the component of `seed` from a start far out; tells its end.
+    /// Orders the component of `seed` from a peripheral start; returns its end.
     fn component(&mut self, seed: u32, base: usize) -> Result<usize> {
         let (mut end, mut levels, mut last) = self.from(seed, base)?;
         for _ in 0..SEARCHES {
@@ -84,7 +84,7 @@ impl Search<'_> {
     }
 }
 
-/// The rank of each vertex: breadth-first, or with `cuthill_mckee` by ascending degrees, and back to front.
+/// The rank of each vertex: breadth-first, or with `cuthill_mckee` by ascending degree, reversed.
 fn search_ranks(
     name: &str,
     graph: &VertexAdjacency,
@@ -173,7 +173,7 @@ pub fn hilbert_ranks(name: &str, mesh: &Mesh, context: Context<'_>) -> Result<Ma
     ranks_by_key(name, positions.len(), key, context)
 }
 
-/// Ranks by chance, under the run's seed.
+/// Random ranks, from the run's seed.
 ///
 /// # Errors
 /// As [`pca_ranks`].
@@ -225,7 +225,7 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::store::WorkDir;
 
-    /// Cuthill–McKee as the textbook says it, quadratic.
+    /// Reference: textbook Cuthill–McKee, quadratic.
     fn oracle(graph: &VertexAdjacency, reverse: bool) -> Vec<u32> {
         let n = graph.len();
         let levels = |start: u32| {
@@ -296,7 +296,7 @@ mod tests {
                 faces.push([id(x, y), id(x + 1, y + 1), id(x, y + 1)]);
             }
         }
-        // A second component, and vertices 66, 67 of no face.
+        // A second component, and vertices 66, 67 without a face.
         faces.push([63, 64, 65]);
         let mesh = Mesh::from_slices(&[[0.; 3]; 68], &faces).unwrap();
         let run = Run::new(&());

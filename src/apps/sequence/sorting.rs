@@ -1,7 +1,7 @@
-//! External sorts of small records, and values brought to their places: what every order is made of.
+//! External sorts of small records, and scattering of values: the basis of every order.
 //!
-//! Both go through a shuffle within the budget, on disk where memory does not hold the records. Records of W numbers
-//! take 4 W bytes, values 8 bytes and 4 more in the finished array.
+//! Both use a shuffle within the budget, on disk where memory does not suffice. Records of W numbers take 4 W bytes,
+//! values 8 bytes and 4 more in the finished array.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -13,11 +13,11 @@ use std::ops::Range;
 
 const CHUNK: usize = 1 << 14;
 
-/// Where records go while they are made.
+/// Receives records as they are made.
 pub(super) type Push<'a, const W: usize> = &'a mut dyn FnMut([u32; W]) -> Result<()>;
 
-/// Sorts the records that `fill` makes of `items` items, about `records` in all, and hands them to `each` in ascending
-/// order, a bucket at a time. Repeatable where no two records that differ in meaning are equal.
+/// Sorts the records that `fill` makes of `items` items, about `records` in all, and passes them to `each` in ascending
+/// order, bucket by bucket. Repeatable if records that differ in meaning are never equal.
 pub(super) fn sorted<const W: usize>(
     what: &'static str,
     (items, records): (usize, u64),
@@ -25,7 +25,7 @@ pub(super) fn sorted<const W: usize>(
     context: Context<'_>,
     mut each: impl FnMut(&[[u32; W]]) -> Result<()>,
 ) -> Result<()> {
-    // Sorted buckets wait their turn: `in_order` holds four a thread, and one is being sorted.
+    // Sorted buckets wait for their turn: `in_order` holds four per thread, and one is being sorted.
     let copies = 6 * context.run.threads as u64;
     let sized = BudgetedShuffle::<[u32; W]>::new(
         &context.work.file("sequence_sort.tmp"),
@@ -54,7 +54,7 @@ pub(super) fn sorted<const W: usize>(
     shuffle.sorted(context.run, |records| each(&records))
 }
 
-/// Values on their way to places of an array, through a shuffle, so that the array is written from front to back.
+/// Scatters values to positions of an array through a shuffle, so that the array is written from front to back.
 pub(super) struct Scatter<'a> {
     sized: BudgetedShuffle<[u32; 2]>,
     array: ArrayMut<u32>,
@@ -71,7 +71,7 @@ impl<'a> Scatter<'a> {
         Ok(Self { sized, array: work.array(name, &[n])?, run, n })
     }
 
-    /// The producer to [`Scatter::put`] with.
+    /// The producer for [`Scatter::put`].
     pub fn producer(&self) -> Producer<'_, [u32; 2]> {
         self.sized.shuffle.producer()
     }
@@ -93,7 +93,7 @@ impl<'a> Scatter<'a> {
     }
 }
 
-/// Ranks of `n` things by their `key`, ties by number: the array `name` of `work`.
+/// Ranks of `n` items by their `key`, ties by number: the array `name` of `work`.
 pub(super) fn ranks_by_key(
     name: &str,
     n: usize,
@@ -119,12 +119,12 @@ pub(super) fn ranks_by_key(
     scatter.finish()
 }
 
-/// Two words whose order is that of `x`; numbers that are none come last.
+/// Two words that are ordered like `x`; NaN comes last.
 pub(super) fn ordered(x: f64) -> [u32; 2] {
     if x.is_nan() {
         return [u32::MAX; 2];
     }
-    // Both zeros are one.
+    // Both zeros are equal.
     let bits = (x + 0.).to_bits();
     let bits = if bits >> 63 == 1 { !bits } else { bits | 1 << 63 };
     [(bits >> 32) as u32, bits as u32]

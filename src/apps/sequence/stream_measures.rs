@@ -1,8 +1,8 @@
-//! How well an order streams: the measures of *Streaming Meshes* (Isenburg, Lindstrom 2005), as read here.
+//! How well an order streams: the measures of *Streaming Meshes* (Isenburg, Lindstrom 2005), in our interpretation.
 //!
-//! A reader gets a vertex with the first face that uses it and lets it go after the last: between, it is *active*.
-//! Faces are counted from 0 in their order, vertices as they become active.
-//! - *front width*: vertices active while a face is read, that face's own included; what a reader holds.
+//! A reader receives a vertex with the first face that uses it and releases it after the last: in between, it is
+//! *active*. Faces are counted from 0 in their order, vertices as they become active.
+//! - *front width*: number of active vertices while a face is read, including its own; what a reader holds.
 //! - *vertex span*: faces from a vertex's first use to its last; how long a reader holds it.
 //! - *face span*: difference between the greatest and the least vertex number of a face.
 //! - *bandwidth*: the greatest difference along an edge; *profile*: the sum over vertices of the distance down to the
@@ -17,10 +17,10 @@ use crate::store::{Context, Run};
 use serde::Serialize;
 use std::fmt::Write;
 
-/// Items between looks at the stop flag.
+/// Items between checks of the stop flag.
 const CHUNK: usize = 1 << 16;
 
-/// The measures of an order; see the module's text.
+/// The measures of an order; see the module documentation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct StreamMeasures {
     /// Largest front width, in vertices.
@@ -86,7 +86,7 @@ impl StreamMeasures {
     }
 
     fn widths(&mut self, faces: usize, uses: &VertexUse, context: Context<'_>) -> Result<()> {
-        // A face brings vertices in and lets others go: the difference to the width after it, and what it lets go.
+        // Each face activates vertices and releases others: the change of the width after it, and the number released.
         let mut array = context.work.array::<u32>("front.tmp", &[2 * faces])?;
         let events = &mut array.data()[..];
         for (v, (&first, &last)) in uses.first.iter().zip(uses.last.iter()).enumerate() {

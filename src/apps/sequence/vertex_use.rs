@@ -1,8 +1,7 @@
-//! From places of faces to numbers of vertices: each vertex gets its number when a face first uses it.
+//! From positions of faces to numbers of vertices: each vertex is numbered when a face first uses it.
 //!
-//! Two external sorts: uses by vertex, whose first and last matter, then vertices by first use. Vertices of no
-//! face come last, in the order of the file. 12 bytes per corner and per vertex through the sorts, 12 per
-//! vertex kept for a while.
+//! Two external sorts: uses by vertex, of which the first and last matter, then vertices by first use. Unused vertices
+//! come last, in file order. 12 bytes per corner and per vertex through the sorts, 12 per vertex kept temporarily.
 
 use super::sorting::{Push, Scatter, sorted};
 use crate::base::Result;
@@ -11,12 +10,12 @@ use crate::store::npy::ArrayWriter;
 use crate::store::{Context, MappedSlice, WorkDir};
 use std::ops::Range;
 
-/// When vertices are used, and what numbers that gives them. All by the numbers of the mesh's file.
+/// When vertices are used, and their resulting numbers. All indexed by the numbers in the mesh's file.
 #[derive(Clone, Debug)]
 pub struct VertexUse {
-    /// Place of the first face that uses a vertex (v); `u32::MAX` where none does.
+    /// Position of the first face that uses a vertex (v); `u32::MAX` if none does.
     pub first: MappedSlice<u32>,
-    /// Place of the last one (v).
+    /// Position of the last one (v).
     pub last: MappedSlice<u32>,
     /// New number of each vertex (v).
     pub rank: MappedSlice<u32>,
@@ -26,7 +25,7 @@ pub struct VertexUse {
 const FILES: [&str; 4] = ["first_use.tmp", "first_slot.tmp", "last_use.tmp", "vertex_number.tmp"];
 
 impl VertexUse {
-    /// Uses of the vertices of `mesh` whose face f has the place `place[f]`.
+    /// Uses of the vertices of `mesh`, whose face f has the position `place[f]`.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
@@ -57,7 +56,7 @@ impl VertexUse {
     }
 }
 
-/// A use of a vertex that is being gathered: vertex, first place and slot, last place.
+/// A vertex use being collected: vertex, first position and slot, last position.
 struct Gathered {
     writers: [ArrayWriter<u32>; 3],
     current: Option<[u32; 4]>,
@@ -65,7 +64,7 @@ struct Gathered {
 }
 
 impl Gathered {
-    /// Writes the gathered vertex, and those before `next` that no face uses.
+    /// Writes the collected vertex, and the unused ones before `next`.
     fn close(&mut self, next: usize) -> Result<()> {
         if let Some([v, first, slot, last]) = self.current.take() {
             self.unused(v as usize)?;
@@ -89,7 +88,7 @@ impl Gathered {
 
 type Three = (MappedSlice<u32>, MappedSlice<u32>, MappedSlice<u32>);
 
-/// First places, the slots there, and last places, by vertex.
+/// First positions, the slots there, and last positions, by vertex.
 fn uses(mesh: &Mesh, place: &[u32], context: Context<'_>) -> Result<Three> {
     let writers =
         [context.work.writer(FILES[0], 1)?, context.work.writer(FILES[1], 1)?, context.work.writer(FILES[2], 1)?];
@@ -100,7 +99,7 @@ fn uses(mesh: &Mesh, place: &[u32], context: Context<'_>) -> Result<Three> {
         })
     };
     let counts = (mesh.faces.len(), mesh.faces.corner_count() as u64);
-    // A vertex's uses may lie in two buckets, so what is gathered of it outlives them.
+    // A vertex's uses may be in two buckets, so this state spans buckets.
     sorted("uses of vertices", counts, fill, context, |records| {
         for &[v, place, slot] in records {
             match &mut gathered.current {

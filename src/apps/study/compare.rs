@@ -1,13 +1,13 @@
-//! Samplings × numbers of landmarks × seeds on one mesh, under one σ: Fig. 5 of the paper, in numbers; and how far the
-//! extrapolated embeddings are from the true one.
+//! Samplings × numbers of landmarks × seeds on one mesh, with one σ: Fig. 5 of the paper, in numbers; and the distance
+//! of the extrapolated embeddings from the true one.
 //!
-//! Most samplings are nested ([`Sampling::is_nested`]), so each is run once per seed, at the greatest l; one that is
-//! not is run for every l. Runs go over threads. Memory: a field of 4 n
-//! bytes per thread from the budget; rows are in the matrix of all distances, or in mapped files that go with the run.
+//! Most samplings are nested ([`Sampling::is_nested`]), so each is run once per seed, with the greatest l; one that is
+//! not is run for every l. Runs are distributed over threads. Memory: a field of 4 n bytes per thread from the budget;
+//! rows are in the matrix of all distances, or in mapped files that are removed with the run.
 //!
-//! The true embedding ([`embedding_errors`]) consists of the leading eigenvectors of all of W times the roots of their
-//! eigenvalues; area-weighted, those of M^½WM^½, times M^-½. Coordinates are compared after the best rotation. Small
-//! sets only: all of W in `f64`.
+//! The true embedding ([`embedding_errors`]) consists of the leading eigenvectors of all of W times the square roots of
+//! their eigenvalues; weighted by area, those of M^½WM^½, times M^-½. Coordinates are compared after the best rotation.
+//! Only for small sets: all of W in `f64`.
 
 use super::data::StudyData;
 use crate::base::{Error, Result};
@@ -22,7 +22,7 @@ use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-/// What is compared.
+/// What to compare.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct CompareParams {
@@ -34,17 +34,17 @@ pub struct CompareParams {
     pub seeds: Vec<u64>,
     /// Kernel of the measures.
     pub kernel: Kernel,
-    /// Its width in means of the distance, or with `local` the number q of the neighbour.
+    /// Its width relative to the mean distance, or with `local` the number q of the neighbour.
     pub width: f64,
     /// Whether widths are local ([`Bandwidth::Local`]).
     pub local: bool,
     /// Eigenvalues of A up to this share of the greatest are dropped; by default [`Kernel::tolerance`].
     pub tolerance: Option<f64>,
-    /// Kernel of Γ that greedy sampling and pivoted Cholesky go by; its width is a mean of the distance.
+    /// Kernel of Γ used by greedy sampling and pivoted Cholesky; its width is the mean distance.
     pub gamma_kernel: Kernel,
-    /// Whether the residual of all of W is computed, where all distances are.
+    /// Whether the residual over all of W is computed, if all distances are known.
     pub residual: bool,
-    /// Whether the Schur complement and the eigenvectors are looked at too: O(n³).
+    /// Whether the Schur complement and the eigenvectors are evaluated too: O(n³).
     pub schur: bool,
 }
 
@@ -79,10 +79,10 @@ crate::base::setters::setters!(CompareParams {
 });
 
 impl CompareParams {
-    /// Refuses what cannot be measured.
+    /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for no or 0 landmarks, no sampling, no seed, or a width that is no positive number.
+    /// [`Error::Parameter`] for no or 0 landmarks, no sampling, no seed, or a width that is not positive.
     pub fn check(&self) -> Result<()> {
         let refused = |name: &str, problem: &str, remedy: &str| Err(Error::parameter(name, problem, remedy));
         if self.landmarks.is_empty() || self.landmarks.contains(&0) {
@@ -101,7 +101,7 @@ impl CompareParams {
     }
 }
 
-/// One sample and how good it is.
+/// One sample and its quality.
 #[derive(Clone, Debug, Serialize)]
 pub struct SampleRecord {
     /// The mesh.
@@ -114,28 +114,28 @@ pub struct SampleRecord {
     pub seed: u64,
     /// Number of nodes n.
     pub nodes: usize,
-    /// σ, in units of distance; absent where local.
+    /// σ, in units of distance; absent if local.
     pub sigma: Option<f64>,
-    /// What the search cost, in fronts (Dijkstra's algorithm over all nodes), besides the l rows.
+    /// The cost of the search, in fronts (Dijkstra's algorithm over all nodes), besides the l rows.
     pub search: f64,
     /// The measures.
     #[serde(flatten)]
     pub measures: Measures,
-    /// ‖W − W̄‖ / ‖W‖, Frobenius, where asked for and possible.
+    /// ‖W − W̄‖ / ‖W‖, Frobenius, if requested and possible.
     pub residual: Option<f64>,
-    /// What only all of W tells, where asked for and possible.
+    /// Errors that need all of W, if requested and possible.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exact: Option<TrueErrors>,
-    /// Landmarks, in the order found.
+    /// Landmarks, in the order in which they were found.
     #[serde(skip)]
     pub landmarks: Vec<u32>,
 }
 
-/// Eigenvectors that [`SampleRecord::exact`] compares, at the most.
+/// Maximum number of eigenvectors that [`SampleRecord::exact`] compares.
 pub const VECTORS: usize = 6;
 
-/// Runs all of it on `ground`, the mesh called `mesh`: one record per sampling, number of landmarks and seed. More
-/// landmarks than nodes are all nodes. What is asked for twice is measured once, so that no sample counts double.
+/// Runs the comparison on `ground`, the mesh called `mesh`: one record per sampling, number of landmarks and seed. More
+/// landmarks than nodes means all nodes. Repeated values are measured once, so that no sample counts twice.
 ///
 /// # Errors
 /// [`crate::base::Error::Memory`], [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -193,7 +193,7 @@ pub fn compare(
     Ok(records.into_iter().flatten().collect())
 }
 
-/// The given ones, each once, in their order.
+/// The values without repetitions, in their order.
 fn each_once<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
     let mut once = Vec::new();
     for one in all {
@@ -204,8 +204,8 @@ fn each_once<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
     once
 }
 
-/// Landmarks of a sampling, and for each the fronts that the search had cost when it was found, those aside whose
-/// rows are the result's.
+/// Landmarks of a sampling, and for each the number of fronts that the search had needed when it was found, not
+/// counting those whose rows are part of the result.
 pub fn landmarks(
     ground: &StudyData,
     sampling: Sampling,
@@ -215,7 +215,7 @@ pub fn landmarks(
     run: &Run,
 ) -> Result<(Vec<u32>, Vec<f64>)> {
     let graph = ground.graph();
-    // Small sets are looked at whole.
+    // Small sets are used completely.
     let columns = if ground.matrix.is_some() { ground.len() } else { SamplingParams::default().columns };
     let how = SamplingParams { kernel: params.gamma_kernel, sigma: Some(ground.mean), columns, ..Default::default() };
     let sampler = sampling.sampler(how);
@@ -244,7 +244,7 @@ pub fn landmarks(
     Ok((found, search))
 }
 
-/// The rows of landmarks: in the matrix of all, or in a file of their own.
+/// The rows of landmarks: in the matrix of all distances, or in a file of their own.
 enum Rows<'a> {
     Matrix(Vec<&'a [f32]>),
     File(MappedSlice<f32>, usize),
@@ -269,17 +269,17 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// A sample to measure.
+/// A sample to be measured.
 struct Sample<'a> {
     mesh: &'a str,
     sampling: Sampling,
     seed: u64,
     landmarks: &'a [u32],
-    /// Fronts that finding them cost.
+    /// Number of fronts for finding them.
     search: f64,
 }
 
-/// Measures a sample, whose landmarks are the first of those that `rows` are of.
+/// Measures a sample, whose landmarks are the first of those in `rows`.
 fn record(ground: &StudyData, sample: Sample, rows: &Rows, params: &CompareParams, run: &Run) -> Result<SampleRecord> {
     let Sample { mesh, sampling, seed, landmarks, search } = sample;
     let (l, n) = (landmarks.len(), ground.len());
@@ -288,7 +288,7 @@ fn record(ground: &StudyData, sample: Sample, rows: &Rows, params: &CompareParam
         if params.local { Bandwidth::Local(params.width.round().max(1.) as usize) } else { Bandwidth::Global(sigma) };
     let tolerance = params.tolerance.unwrap_or(params.kernel.tolerance(l));
     let block = AffinityBlock::new(landmarks, rows.first(l), params.kernel, bandwidth);
-    // Under local widths a pair's affinity is known only between landmarks and others.
+    // With local widths, an affinity is known only between a landmark and another node.
     let held = AffinityBlock::new(&ground.held_out, ground.held_rows(), params.kernel, bandwidth);
     let measures = measure(&block, (!params.local).then_some(&held as &dyn SampledBlock), tolerance, run)?;
     let all: Vec<u32> = (0..n as u32).collect();
@@ -324,7 +324,7 @@ fn record(ground: &StudyData, sample: Sample, rows: &Rows, params: &CompareParam
     })
 }
 
-/// The residual of all of W: as if every column had been held out.
+/// The residual over all of W: as if every column had been held out.
 fn residual(block: &AffinityBlock, truth: &AffinityBlock, tolerance: f64, run: &Run) -> Result<Option<f64>> {
     Ok(measure(block, Some(truth), tolerance, run)?.held_out)
 }
@@ -336,19 +336,19 @@ pub struct EmbeddingError {
     pub l: usize,
     /// Of the plain extrapolation, eq. 1–2.
     pub plain: f64,
-    /// Of the orthogonalised one.
+    /// Of the orthogonalised extrapolation.
     pub orthogonal: f64,
     /// Of the orthogonalised one with nodes weighted by area, against the area-weighted truth.
     pub by_area: f64,
-    /// Negative eigenvalues of A, as a share.
+    /// Share of negative eigenvalues of A.
     pub negative: f64,
 }
 
-/// The errors of `d` coordinates for each number of landmarks in `params`, under its kernel and width; landmarks are
-/// those of `sampling` under `seed`, which may go by its kernel of Γ.
+/// The errors of `d` coordinates for each number of landmarks in `params`, with its kernel and width; landmarks are
+/// those of `sampling` under `seed`, which may use its kernel of Γ.
 ///
 /// # Errors
-/// [`Error::Parameter`] where `ground` does not hold all distances, [`Error::Cancelled`].
+/// [`Error::Parameter`] if `ground` does not have all distances, [`Error::Cancelled`].
 pub fn embedding_errors(
     ground: &StudyData,
     params: &CompareParams,

@@ -1,11 +1,11 @@
-//! What all runs on a mesh share: its graph, columns held out, one σ, and all distances where they are few.
+//! The data shared by all runs on a mesh: its graph, held-out columns, one σ, and all distances if there are few.
 //!
 //! σ is the same for all samplings: the mean over all pairs, or over the held-out rows. A σ from each sampling's own
 //! rows would favour the farthest points, which inflate it by 1.1 to 1.9. All distances of up to
-//! [`StudyParams::matrix`] nodes lie in a mapped file of 4 n² bytes; one front per node, 0.2 ms each at 4,000 faces.
+//! [`StudyParams::matrix`] nodes are in a mapped file of 4 n² bytes; one front per node, 0.2 ms each for 4,000 faces.
 //!
-//! Nodes are faces, as segmentation has them, or vertices with distances through triangles, as correspondence has them:
-//! paths from centroid to centroid zigzag, and no small sample represents the error that this makes.
+//! Nodes are faces, as for segmentation, or vertices with distances through triangles, as for correspondence: paths
+//! between centroids zigzag, and no small sample represents the resulting error.
 
 use crate::base::Result;
 use crate::base::random::{below, stream};
@@ -18,7 +18,7 @@ use crate::graph::{DualGraph, Metric, NodeGeometry, VertexGraph};
 use crate::mesh::Mesh;
 use crate::store::{Context, MappedSlice};
 
-/// What nodes are.
+/// The kind of nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Over {
     /// Faces; distances by a metric over the dual graph.
@@ -28,17 +28,17 @@ pub enum Over {
     Vertices,
 }
 
-/// What is prepared for a study.
+/// Parameters for preparing a study.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct StudyParams {
-    /// What nodes are.
+    /// The kind of nodes.
     pub over: Over,
     /// Form of the edge weights between faces.
     pub metric: Metric,
-    /// Nodes up to which all distances are computed.
+    /// Maximum number of nodes for which all distances are computed.
     pub matrix: usize,
-    /// Columns held out.
+    /// Number of columns held out.
     pub held_out: usize,
     /// Whether a sampling needs the graph of lengths.
     pub lengths: bool,
@@ -73,24 +73,24 @@ impl Graph {
     }
 }
 
-/// A mesh ready for the study.
+/// A mesh prepared for the study.
 #[derive(Clone, Debug)]
 pub struct StudyData {
     /// Geometry of the nodes (n).
     pub nodes: NodeGeometry,
     graph: Graph,
     lengths: Option<MappedSlice<f32>>,
-    /// All distances, row i at `i * n` (n × n), where there are few.
+    /// All distances, row i at `i * n` (n × n), if there are few nodes.
     pub matrix: Option<MappedSlice<f32>>,
     /// Nodes of the held-out columns, ascending.
     pub held_out: Vec<u32>,
     held_rows: MappedSlice<f32>,
-    /// Mean distance between different nodes: over all pairs, or from those held out.
+    /// Mean distance between different nodes: over all pairs, or from the held-out rows.
     pub mean: f64,
 }
 
 impl StudyData {
-    /// Builds everything in `work`; `identity` says which input it is.
+    /// Builds everything in `work`; `identity` identifies the input.
     ///
     /// # Errors
     /// As [`DualGraph::build`].
@@ -128,10 +128,10 @@ impl StudyData {
             None
         };
         let facts = RowFacts::of(matrix.as_deref().unwrap_or(&held_rows));
-        // The distances of nodes from themselves are not of pairs.
+        // Distances of nodes from themselves do not count as pairs.
         let own = matrix.as_ref().map_or(held_out.len(), |_| n) as u64;
         let mean = facts.sum / (facts.reached - own).max(1) as f64;
-        // Mapped arrays outlast their names; in a work directory that is kept they would stay for good.
+        // Mapped arrays outlive their names; in a kept work directory the files would never be removed.
         ["lengths.npy", "held_out_rows.npy", "all_distances.npy"].iter().for_each(|name| context.work.remove(name));
         Ok(Self { nodes, graph, lengths, matrix, held_out, held_rows, mean })
     }
@@ -151,7 +151,7 @@ impl StudyData {
         self.graph.csr()
     }
 
-    /// The same graph weighted by length alone, where that was asked for.
+    /// The same graph weighted by length only, if requested.
     pub fn lengths(&self) -> Option<Csr<'_>> {
         self.lengths.as_ref().map(|weights| Csr { weights, triangles: &[], ..self.graph.csr() })
     }
@@ -161,7 +161,7 @@ impl StudyData {
         self.held_rows.chunks_exact(self.len().max(1)).collect()
     }
 
-    /// The rows of the nodes `of` in the file `name` of `work` (count × n), a front each.
+    /// The rows of the nodes `of` in the file `name` of `work` (count × n), one front each.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -173,7 +173,7 @@ impl StudyData {
     pub fn weights(&self) -> Vec<f64> {
         let total: f64 = (0..self.len()).map(|i| f64::from(self.nodes.at(i).area)).sum();
         let n = self.len() as f64;
-        // Faces without area weigh next to nothing, unless all are such.
+        // Faces without area have almost no weight, unless all are like that.
         if total <= 0. {
             return vec![1.; self.len()];
         }

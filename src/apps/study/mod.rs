@@ -1,8 +1,8 @@
-//! The paper's study: how good are samples, by its own measure and by others, over samplings, sizes and seeds.
+//! The paper's study: the quality of samples, by its own measure and by others, over samplings, sizes and seeds.
 //!
-//! [`data`] holds what all runs on a mesh share (graph, held-out rows, one σ, all distances where they are few),
-//! [`mod@compare`] runs samplings on it and compares embeddings with the true one, [`summary`] sums up the results;
-//! [`points`] is Fig. 1, on points that have no mesh. Charts are drawn by `plots::charts`.
+//! [`data`] holds what all runs on a mesh share (graph, held-out rows, one σ, all distances if there are few),
+//! [`mod@compare`] runs samplings on it and compares embeddings with the true one, [`summary`] summarises the results;
+//! [`points`] is Fig. 1, on points without a mesh. `plots::charts` draws the charts.
 
 pub mod compare;
 pub mod data;

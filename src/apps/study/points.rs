@@ -1,9 +1,9 @@
-//! Fig. 1 of the paper: do Γ and the norm of the Schur complement rank samples alike?
+//! Fig. 1 of the paper: do Γ and the norm of the Schur complement rank samples in the same way?
 //!
-//! A run draws points in the plane from a normal distribution and two random samples of them; its marker is at
-//! (η(S₁) − η(S₂), Γ(S₁) − Γ(S₂) turned so that agreement is the first or third quadrant). Gaussian kernel of the
-//! *Euclidean* distance: eq. 3's squared norm is a misprint, with which measures agree in 5–9 % of runs. σ is the mean
-//! distance between different points. O(n³) a run, for the nuclear norm.
+//! A run draws points in the plane from a normal distribution and two random samples of them; its marker is at (η(S₁) −
+//! η(S₂), Γ(S₁) − Γ(S₂)), with the sign chosen so that agreement is the first or third quadrant. Gaussian kernel of the
+//! *Euclidean* distance: eq. 3's squared norm is a misprint, with which the measures agree in only 5–9 % of runs. σ is
+//! the mean distance between different points. O(n³) per run, for the nuclear norm.
 
 use crate::base::Result;
 use crate::base::random::{below, stream, unit};
@@ -14,13 +14,13 @@ use crate::store::Run;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-/// What is run.
+/// Parameters of the runs.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct PointsParams {
     /// Points n.
     pub points: usize,
-    /// Samples l.
+    /// Sample size l.
     pub landmarks: usize,
     /// Runs per seed.
     pub runs: usize,
@@ -34,7 +34,7 @@ impl Default for PointsParams {
 
 crate::base::setters::setters!(PointsParams { points: usize, landmarks: usize, runs: usize });
 
-/// Kept eigenvalues of a positive kernel in `f64`, as a share of the greatest.
+/// Relative tolerance for kept eigenvalues of a positive kernel in `f64`.
 pub const TOLERANCE: f64 = 1e-10;
 
 /// Γ and the norms of the Schur complement of a sample.
@@ -72,7 +72,7 @@ pub fn agreement(pairs: &[SamplePair], norm: impl Fn(&Judged) -> f64) -> f64 {
     agree as f64 / pairs.len().max(1) as f64
 }
 
-/// Gaussian affinities of points in the plane, σ the mean distance between different points.
+/// Gaussian affinities of points in the plane; σ is the mean distance between different points.
 pub fn affinities(points: &[[f64; 2]]) -> DMatrix<f64> {
     let n = points.len();
     let distance = |i: usize, j: usize| (points[i][0] - points[j][0]).hypot(points[i][1] - points[j][1]);
@@ -86,7 +86,7 @@ pub fn affinities(points: &[[f64; 2]]) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| Kernel::Gaussian.of(sigma, distance(i, j)))
 }
 
-/// Judges the sample `landmarks` of points with the affinities `w`.
+/// Evaluates the sample `landmarks` of points with the affinities `w`.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
@@ -141,7 +141,7 @@ pub fn pairs(params: PointsParams, seed: u64, run: &Run) -> Result<Vec<SamplePai
     )
 }
 
-/// Two independent normal numbers (Box and Muller).
+/// Two independent normally distributed numbers (Box and Muller).
 fn normal(draw: &mut crate::base::random::Random) -> [f64; 2] {
     let radius = (-2. * libm::log(1. - unit(draw))).sqrt();
     let (sin, cos) = libm::sincos(std::f64::consts::TAU * unit(draw));

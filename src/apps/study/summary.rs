@@ -1,6 +1,6 @@
-//! Records summed up over meshes and seeds: a table to read, CSV and JSON of everything.
+//! Records summarised over meshes and seeds: a readable table, and CSV and JSON of everything.
 //!
-//! Cost: microseconds per record, of which a study has thousands; nothing here grows with a mesh.
+//! Cost: microseconds per record, of which a study has thousands; independent of the mesh size.
 
 use super::compare::SampleRecord;
 use crate::landmarks::Sampling;
@@ -17,7 +17,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of the given numbers; nothing where there are none.
+    /// The spread of the given numbers; `None` if there are none.
     pub fn of(values: &[f64]) -> Option<Self> {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
@@ -47,13 +47,13 @@ pub struct SamplingSummary {
     pub negative_mass: Spread,
     /// Dropped eigenpairs.
     pub dropped: Spread,
-    /// Fronts of the search.
+    /// Number of fronts of the search.
     pub search: Spread,
-    /// Share of pairs (same mesh, seed and l) with a greater Γ than random sampling had; the paper's Fig. 5.
+    /// Share of pairs (same mesh, seed and l) with a greater Γ than random sampling; the paper's Fig. 5.
     pub beats_random: Option<f64>,
 }
 
-/// Sums up `records`, in the order in which samplings and sizes first come.
+/// Summarises `records`, in the order in which samplings and sizes first appear.
 pub fn summary(records: &[SampleRecord]) -> Vec<SamplingSummary> {
     let mut keys: Vec<(Sampling, usize)> = Vec::new();
     for record in records {
@@ -161,8 +161,7 @@ pub fn one_to_text(record: &SampleRecord) -> String {
     text
 }
 
-/// Every record as a line of comma-separated values, under a line of names. Commas in names of meshes become
-/// underscores.
+/// Every record as a line of comma-separated values, after a header line. Commas in names of meshes become underscores.
 pub fn to_csv(records: &[SampleRecord]) -> String {
     let mut text = "mesh,sampling,l,seed,nodes,sigma,search,gamma,gamma_per_node,gamma_star,greatest,held_out,\
                     negative_mass,negative,dropped,residual\n"

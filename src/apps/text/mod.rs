@@ -1,7 +1,7 @@
-//! Text on pictures and plots, from an embedded typeface, so that no font of the machine is needed.
+//! Text on pictures and plots, from an embedded typeface, so that no system font is needed.
 //!
-//! `labels.ttf` (32 kB) has Latin, Greek and some mathematical glyphs of DejaVu Sans; its licence lies beside it. What
-//! it lacks is drawn as a box. Cost: microseconds per line of text.
+//! `labels.ttf` (32 kB) has Latin, Greek and some mathematical glyphs of DejaVu Sans; its licence is beside it. Missing
+//! glyphs are drawn as a box. Cost: microseconds per line of text.
 
 use ab_glyph::{Font, FontRef, ScaleFont, point};
 
@@ -10,7 +10,7 @@ fn font() -> Option<FontRef<'static>> {
     FontRef::try_from_slice(include_bytes!("labels.ttf")).ok()
 }
 
-/// Pixels that `text` takes in a row, at a height of capitals of about 0.73 `size`.
+/// Width of `text` in pixels, at a height of capitals of about 0.73 `size`.
 pub(super) fn width(text: &str, size: f64) -> f64 {
     let Some(font) = font() else { return 0. };
     let scaled = font.as_scaled(scale(&font, size));
@@ -23,8 +23,8 @@ fn scale(font: &FontRef<'_>, size: f64) -> f32 {
     size as f32 * font.height_unscaled() / em
 }
 
-/// Calls `dot(x, y, coverage)` for the pixels of `text`, whose baseline begins at (`left`, `base`) and
-/// whose em is `size` pixels.
+/// Calls `dot(x, y, coverage)` for the pixels of `text`, whose baseline starts at (`left`, `base`) and whose em is
+/// `size` pixels.
 pub(super) fn draw(text: &str, [left, base]: [f64; 2], size: f64, mut dot: impl FnMut(i64, i64, f32)) {
     let Some(font) = font() else { return };
     let size = scale(&font, size);

@@ -1,9 +1,10 @@
 //! Faces of one mesh nearest to points on another, in blocks that fit the budget.
 //!
 //! Each block of faces becomes a tree of boxes over its triangles along a curve; every point keeps, over all blocks,
-//! the nearest face and the nearest whose normal agrees. Both are the least of (distance, face), so that the answer is
-//! the same whatever the blocks. One walk answers both, and begins where the last point ended; a tree from a library
-//! walks twice and from the root, several times as long. [`BYTES`] per triangle of a block, 16 bytes per point on disk.
+//! the nearest face and the nearest whose normal agrees. Both minimise (distance, face), so that the result is the same
+//! whatever the blocks. One traversal finds both, and starts where the previous point ended; a tree from a library
+//! would be traversed twice from the root, which takes several times as long. [`BYTES`] per triangle of a block, 16
+//! bytes per point on disk.
 
 use crate::base::Result;
 use crate::base::bounds::Bounds;
@@ -12,18 +13,18 @@ use crate::mesh::Mesh;
 use crate::store::Run;
 use std::ops::Range;
 
-/// Bytes that a triangle takes in a tree: its corners, its number, and its share of the nodes above.
+/// Bytes per triangle in a tree: its corners, its number, and its share of the nodes above.
 pub const BYTES: u64 = 96;
-/// Cosine of the angle up to which normals agree.
+/// Minimum cosine for normals to agree.
 const AGREE: f32 = 0.5;
-/// Triangles of a group.
+/// Triangles per group.
 const GROUP: usize = 4;
 /// Points that a thread takes at a time.
 const CHUNK: usize = 1 << 12;
 /// No face.
 pub const NONE: u64 = u64::MAX;
 
-/// A unit of length and an origin that suit both meshes.
+/// A unit of length and an origin suitable for both meshes.
 #[derive(Clone, Copy, Debug)]
 pub struct UnitFrame {
     middle: [f64; 3],
@@ -31,7 +32,7 @@ pub struct UnitFrame {
 }
 
 impl UnitFrame {
-    /// The frame of `mesh`: its middle, and half its longest side.
+    /// The frame of `mesh`: its centre, and half its longest side.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
@@ -42,7 +43,7 @@ impl UnitFrame {
         Ok(Self { middle: [0, 1, 2].map(|k| if low[k] <= high[k] { low[k] / 2. + high[k] / 2. } else { 0. }), scale })
     }
 
-    /// Calls `visit(face, triangle)` with the triangles, in the frame, of the faces of `range` that lie in space.
+    /// Calls `visit(face, triangle)` with the triangles, in the frame, of the finite faces of `range`.
     pub fn triangles(&self, mesh: &Mesh, range: Range<usize>, mut visit: impl FnMut(u32, [[f32; 3]; 3])) {
         let place = |p: [f64; 3]| {
             let at = |k: usize| ((p[k] - self.middle[k]) / self.scale) as f32;
@@ -64,7 +65,7 @@ pub fn normal(triangle: &[[f32; 3]; 3]) -> [f64; 3] {
     double_area([wide(triangle[0]), wide(triangle[1]), wide(triangle[2])])
 }
 
-/// `v` of length 1; zero where it has none.
+/// `v` normalised to length 1; zero if it has none.
 pub fn unit(v: [f64; 3]) -> [f32; 3] {
     narrow(vector::unit(v), 1.)
 }
@@ -74,12 +75,12 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// A triangle and the face it is of.
+/// A triangle and its face.
 #[derive(Clone, Copy, Debug)]
 struct Leaf {
     corners: [[f32; 3]; 3],
     face: u32,
-    /// Its place on a space-filling curve.
+    /// Its position on a space-filling curve.
     key: u32,
 }
 
@@ -113,54 +114,55 @@ pub fn distance_2([a, b, c]: &[[f32; 3]; 3], p: [f32; 3]) -> f32 {
     to_edge(*a, *b).min(to_edge(*b, *c)).min(to_edge(*c, *a))
 }
 
-/// A point to look from, and the normal there.
+/// A query point and the normal there.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Probe {
-    /// Where.
+    /// Its position.
     pub place: [f32; 3],
     /// The normal there, of length 1 or 0.
     pub normal: [f32; 3],
 }
 
-/// What makes a face that is not the nearest the better one.
+/// When a face that is not the nearest is preferred because its normal agrees.
 #[derive(Clone, Copy, Debug)]
 pub struct Agreement {
-    /// 1, or −1 where normals of the two meshes point opposite ways.
+    /// 1, or −1 if normals of the two meshes point in opposite directions.
     pub sign: f32,
-    /// An edge of the mesh that is searched: the slack of [`window`].
+    /// The edge length of the searched mesh: the slack of [`window`].
     pub slack: f32,
-    /// The distance beyond which it does not matter what is nearest. Without it a point that lies far from a block of
-    /// faces, none of which agrees, looks at all of them.
+    /// The distance beyond which agreement is not sought. Without it, a point far from a block in which no face agrees
+    /// would examine all faces.
     pub far: f32,
 }
 
-/// What a point found: the nearest face, and the nearest that agrees; each (squared distance, face) or [`NONE`].
+/// The result for a point: the nearest face, and the nearest that agrees; each (squared distance, face) or [`NONE`].
 pub type Closest = [u64; 2];
 
 fn pack(distance_2: f32, face: u32) -> u64 {
     u64::from(distance_2.to_bits()) << 32 | u64::from(face)
 }
 
-/// The squared distance and the face behind a number of [`Closest`].
+/// The squared distance and the face packed in a number of [`Closest`].
 pub fn unpack(packed: u64) -> Option<(f32, u32)> {
     (packed != NONE).then_some((f32::from_bits((packed >> 32) as u32), packed as u32))
 }
 
-/// The distance up to which a face that agrees is better than one at distance `d` that does not; `slack` is an edge.
+/// The distance up to which a face that agrees is preferred to one at distance `d` that does not; `slack` is an edge
+/// length.
 pub fn window(d: f32, slack: f32) -> f32 {
     2. * d + slack
 }
 
-/// A tree of all triangles of some faces: groups of neighbours along a curve, and boxes over pairs of boxes.
+/// A tree of the triangles of some faces: groups of neighbours along a curve, and boxes over pairs of boxes.
 pub struct TriangleTree {
-    /// Along the curve, [`GROUP`] per group.
+    /// Sorted along the curve, [`GROUP`] per group.
     leaves: Vec<Leaf>,
     /// Box of each node; node k has the children 2k and 2k + 1, the last half are groups.
     boxes: Vec<Bounds>,
 }
 
 impl TriangleTree {
-    /// Of the faces of `range` for which `wanted`.
+    /// For the faces of `range` for which `wanted` holds.
     pub fn of(mesh: &Mesh, frame: &UnitFrame, range: Range<usize>, wanted: impl Fn(u32) -> bool) -> Self {
         let faces = &mesh.faces;
         let corners = range
@@ -204,8 +206,9 @@ impl TriangleTree {
         leaves.filter(|leaf| leaf.face == face).map(|leaf| unit(normal(&leaf.corners))).next()
     }
 
-    /// Improves `found` by what is near `probe`; normals agree where the sign times theirs is much like its own. `near`
-    /// is a group to begin with, better the nearer; the answer is the group that the nearest triangle was found in.
+    /// Improves `found` with triangles near `probe`; normals agree if theirs, times the sign, is similar to its own.
+    /// `near` is the group to start with, ideally a close one; returns the group in which the nearest triangle was
+    /// found.
     pub fn improve(&self, probe: &Probe, agreement: Agreement, near: usize, found: &mut Closest) -> usize {
         let half = self.boxes.len() / 2;
         if self.leaves.is_empty() || !probe.place.iter().all(|x| x.is_finite()) {
@@ -214,7 +217,7 @@ impl TriangleTree {
         let near = near.min(half - 1);
         let mut best = near;
         let mut limit = self.look(near, probe, agreement, found, &mut best);
-        // A path down and the other child at each step: no deeper than 64.
+        // A path down, with the other child at each step: the depth is at most 64.
         let mut stack = [(0f32, 0usize); 64];
         let mut height = 1;
         stack[0] = (0., 1);
@@ -245,7 +248,7 @@ impl TriangleTree {
         best
     }
 
-    /// Improves `found` by the triangles of a group; answers how far boxes matter now.
+    /// Improves `found` with the triangles of a group; returns the distance within which boxes still matter.
     fn look(&self, group: usize, probe: &Probe, agreement: Agreement, found: &mut Closest, best: &mut usize) -> f32 {
         let least = |packed: u64| unpack(packed).map_or(f32::INFINITY, |(distance_2, _)| distance_2);
         for leaf in self.leaves.iter().skip(group * GROUP).take(GROUP) {
@@ -262,7 +265,7 @@ impl TriangleTree {
         let any = least(found[0]).sqrt().min(agreement.far);
         let limit = least(found[0]).min(agreement.far.powi(2));
         let limit = limit.max(least(found[1]).min(window(any, agreement.slack).powi(2)));
-        // Boxes and triangles are rounded differently; what could be as near must be looked at.
+        // Boxes and triangles are rounded differently; anything that might be equally near must be examined.
         limit + 1e-6 * limit.sqrt() + 1e-12
     }
 
@@ -280,7 +283,7 @@ impl TriangleTree {
         let work = |k: usize, piece: &mut [Closest], (): &mut ()| {
             let mut near = 0;
             for (i, found) in piece.iter_mut().enumerate() {
-                // From where most triangles are equally far, a look at all of them.
+                // A point equally far from most triangles examines all of them.
                 if i % 16 == 0 {
                     run.cancel.check()?;
                 }
@@ -296,8 +299,8 @@ impl TriangleTree {
 mod tests {
     use super::*;
 
-    /// Regression: where a mesh was searched in blocks, a point that lies far from one of them looked at all of its
-    /// faces for one that agrees: minutes for 640,000 faces in 16 MiB.
+    /// Regression: when a mesh was searched in blocks, a point far from one of them examined all of its faces for one
+    /// that agrees: minutes for 640,000 faces in 16 MiB.
     #[test]
     fn faces_that_agree_are_looked_for_within_reach_only() {
         let corners = [[0f32, 0., 0.], [1e-3, 0., 0.], [0., 1e-3, 0.]];

@@ -1,10 +1,10 @@
-//! Labels carried from one mesh to another of the same shape: another resolution, decimated, re-meshed.
+//! Transfers labels from one mesh to another of the same shape: another resolution, decimated, re-meshed.
 //!
-//! Every face looks from its centroid, or where its mesh is the coarser one from four points on it, for the nearest
-//! face whose normal agrees within 60° ([`closest_faces`]), so that thin walls keep their sides; normals that point the
-//! other way throughout are turned. Faces with nothing near, and small islands of uncertain ones, get the label around
-//! them, ring by ring over the dual graph. Memory: a block of the first mesh as the budget allows; 16 bytes per point
-//! and 8 per face in the work directory.
+//! Every face searches from its centroid, or, if its mesh is the coarser one, from four points on it, for the nearest
+//! face whose normal agrees within 60° ([`closest_faces`]), so that thin walls keep their sides; if normals are
+//! opposite throughout, they are flipped. Faces without a nearby face, and small islands of uncertain ones, get the
+//! label around them, ring by ring over the dual graph. Memory: a block of the first mesh as the budget allows; 16
+//! bytes per point and 8 per face in the work directory.
 
 pub mod closest_faces;
 
@@ -19,41 +19,41 @@ use serde::Serialize;
 use serde_json::json;
 use std::collections::BTreeMap;
 
-/// Faces that a thread takes at a time.
+/// Faces that a thread processes at a time.
 const CHUNK: usize = 1 << 12;
-/// Faces of either mesh that are looked at to learn which way its normals point.
+/// Number of faces of either mesh sampled to determine the orientation of its normals.
 const TRIAL: usize = 20_000;
-/// Edges beyond which nothing is near.
+/// Distance, in edges, beyond which a face is not near.
 const FAR: f32 = 8.;
-/// Share of the faces of the mesh below which a piece is an island.
+/// Share of the mesh's faces below which a piece is an island.
 const ISLAND: f64 = 2e-4;
 
-/// Labels carried over, and how well that went.
+/// Transferred labels, and the quality of the transfer.
 #[derive(Clone, Debug)]
 pub struct Transferred {
     /// One label per face (n).
     pub labels: MappedSlice<u32>,
-    /// How sure each is, 0 to 1 (n).
+    /// The confidence of each, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
     /// The counts.
     pub facts: TransferCounts,
 }
 
-/// How well labels were carried over.
+/// The quality of a transfer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct TransferCounts {
     /// Faces of the mesh.
     pub faces: u64,
-    /// Faces whose label is not sure: no normal near agrees, it lies more than an edge away, its points disagree, or
-    /// one of the next two.
+    /// Faces with an uncertain label: no nearby normal agrees, the nearest face is more than an edge away, its points
+    /// disagree, or it is counted in one of the next two.
     pub uncertain: u64,
-    /// Faces with nothing near, or with an unlabelled face nearest, labelled by their neighbours.
+    /// Faces without a nearby face, or with an unlabelled nearest face, labelled by their neighbours.
     pub filled: u64,
-    /// Faces of islands, labelled by what is around them.
+    /// Faces of islands, relabelled by their surroundings.
     pub islands: u64,
-    /// Points looked from on a face.
+    /// Number of query points per face.
     pub points: usize,
-    /// Whether normals point the other way.
+    /// Whether normals point in the opposite direction.
     pub turned: bool,
 }
 
@@ -71,7 +71,7 @@ fn mean_edge(opened: &Mesh, frame: &UnitFrame, run: &Run) -> Result<f32> {
     Ok((area / count.max(1) as f64 * 4. / 3f64.sqrt()).sqrt() as f32)
 }
 
-/// The points that `face` looks from: its centroid, then points half-way to its first three corners.
+/// The query points of `face`: its centroid, then points half-way to its first three corners.
 fn probe(opened: &Mesh, frame: &UnitFrame, face: usize, point: usize) -> Probe {
     let (mut sum, mut mean, mut count, mut first) = ([0f64; 3], [0f32; 3], 0f32, [[0f32; 3]; 3]);
     frame.triangles(opened, face..face + 1, |_, triangle| {
@@ -94,7 +94,7 @@ fn probe(opened: &Mesh, frame: &UnitFrame, face: usize, point: usize) -> Probe {
     Probe { place, normal: unit(sum) }
 }
 
-/// Whether the normals of `to` point against those of `from` on the whole.
+/// Whether the normals of `to` are mostly opposite to those of `from`.
 fn is_turned(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
     let (m, n) = (from.faces.len(), to.faces.len());
     let step = m.div_ceil(TRIAL);
@@ -111,7 +111,7 @@ fn is_turned(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
     sum < 0.
 }
 
-/// Carries `labels` of the faces of `from` ([`UNLABELLED`]: none) to those of `to`; arrays go to `work`.
+/// Transfers `labels` of the faces of `from` ([`UNLABELLED`]: none) to those of `to`; arrays are stored in `work`.
 ///
 /// ```
 /// use nystrom_stream::apps::creature::{Creature, Options};
@@ -133,7 +133,7 @@ fn is_turned(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not fit `from`; [`Error::Unusable`] where most of `to` lies far from `from`;
+/// [`Error::Parameter`] for labels that do not match `from`; [`Error::Unusable`] if most of `to` lies far from `from`;
 /// [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
 pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) -> Result<Transferred> {
     Labelling { labels, colours: &[], quality: None, names: &[] }.fit(from.faces.len())?;
@@ -149,7 +149,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     let mut array = context.work.array::<u64>("nearest.npy", &[n * points, 2])?;
     let found: &mut [Closest] = bytemuck::cast_slice_mut(&mut array.data()[..]);
     found.fill([u64::MAX; 2]);
-    // Triangles per face, so that polygons find room too.
+    // Triangles per face, so that polygons have room too.
     let triangles = (from.faces.corner_count() as u64).div_ceil(m.max(1) as u64).saturating_sub(2).max(1);
     let grant = context.run.budget.take(
         "nearest faces",
@@ -200,8 +200,8 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     Ok(Transferred { labels: own.finish(false)?, quality: quality.finish(false)?, facts })
 }
 
-/// The label of a face by what its points found, and how sure it is; `slack` and `edge` are edges of the first
-/// mesh and of the coarser one.
+/// The label of a face given the results of its points, and its confidence; `slack` and `edge` are edge lengths of the
+/// first mesh and of the coarser one.
 fn elect(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32) {
     let mut votes = [(UNLABELLED, 0f32, 0f32); 4];
     for (found, vote) in found.iter().zip(&mut votes) {
@@ -215,7 +215,7 @@ fn elect(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32)
     }
     let votes = &votes[..found.len()];
     let tally = |label: u32| votes.iter().filter(|vote| vote.0 == label).fold((0., 0.), |a, v| (a.0 + v.1, a.1 + v.2));
-    // The first of several: the centroid's, where it is one of them.
+    // The first of several: that of the centroid, if it is one of them.
     let mut best = (UNLABELLED, (0., 0.));
     for &(label, ..) in votes.iter().filter(|vote| vote.0 != UNLABELLED) {
         let own = tally(label);
@@ -226,9 +226,9 @@ fn elect(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32)
     (best.0, best.1.1 / found.len() as f32)
 }
 
-/// Faces between two looks at the stop flag.
+/// Faces between two checks of the stop flag.
 const STOP_CHECK: usize = 1 << 18;
-/// Marks a component with an uncertain face; a mesh has fewer faces.
+/// Marks a component with an uncertain face; a mesh has fewer faces than this bit.
 const UNCERTAIN: u32 = 1 << 31;
 
 /// The label with the longest contact among the neighbours of `face`; the smallest of several. `contacts` is scratch.
@@ -249,14 +249,14 @@ fn neighbour(graph: &DualGraph, labels: &[u32], face: u32, contacts: &mut Vec<(u
     best.map(|(_, label)| label)
 }
 
-/// Gives every face a label, ring by ring; how many had none.
+/// Gives every face a label, ring by ring; returns the number of faces that had none.
 ///
 /// # Errors
-/// [`Error::Memory`] where the budget cannot hold the list of those; [`Error::Cancelled`].
+/// [`Error::Memory`] if the budget cannot hold the list of those; [`Error::Cancelled`].
 fn label_from_neighbours(graph: &DualGraph, labels: &mut [u32], run: &Run) -> Result<u64> {
     let count = labels.iter().filter(|&&label| label == UNLABELLED).count();
     let _grant = run.budget.take("faces without label", 24 * count as u64, 24 * count as u64)?;
-    // Those that may have got a neighbour with a label.
+    // Faces that may now have a labelled neighbour.
     let mut open: Vec<u32> = Vec::with_capacity(count);
     open.extend((0..labels.len() as u32).filter(|&face| labels[face as usize] == UNLABELLED));
     let (mut ring, mut contacts) = (Vec::new(), Vec::new());
@@ -279,8 +279,8 @@ fn label_from_neighbours(graph: &DualGraph, labels: &mut [u32], run: &Run) -> Re
     Ok(count as u64)
 }
 
-/// Takes the label off every connected piece of fewer than `least` faces of which one is uncertain (`quality` below 1),
-/// unless it is all there is of the label; how many faces that were.
+/// Removes the label from every connected piece of fewer than `least` faces with at least one uncertain face (`quality`
+/// below 1), unless it is all there is of the label; returns the number of faces.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`].
