@@ -1,6 +1,7 @@
 //! Matches the vertices of two meshes.
 //!
-//! Thin: costs are those of [`crate::pipeline::correspond`]. The result has 16 bytes per vertex of the first mesh.
+//! A thin wrapper: costs are those of [`crate::pipeline::correspond`]. The result has 16 bytes per vertex of the first
+//! mesh.
 
 use super::mesh::identity;
 use super::run::{RunOptions, run_options, work_options};
@@ -37,7 +38,7 @@ run_options!(Matcher);
 work_options!(Matcher);
 
 impl Matcher {
-    /// Every vertex of the first mesh gets the nearest of the second, with the default of every option.
+    /// Matches every vertex of the first mesh with the nearest of the second; all options have their defaults.
     pub fn new() -> Self {
         Self::default()
     }
@@ -49,14 +50,14 @@ impl Matcher {
         self
     }
 
-    /// How landmarks are chosen, on each mesh by itself.
+    /// How landmarks are chosen, on each mesh independently.
     #[must_use]
     pub fn sampling(mut self, sampling: Sampling) -> Self {
         self.params.sampling = sampling;
         self
     }
 
-    /// How far apart vertices are.
+    /// How distances between vertices are measured.
     #[must_use]
     pub fn distance(mut self, distance: Distance) -> Self {
         self.params.distance = distance;
@@ -77,14 +78,14 @@ impl Matcher {
         self
     }
 
-    /// Carries the landmarks of the first mesh to the second by the first matches, and matches again.
+    /// Transfers the landmarks of the first mesh to the second by the first matches, and matches again.
     #[must_use]
     pub fn transfer(mut self, transfer: bool) -> Self {
         self.params.transfer = transfer;
         self
     }
 
-    /// Which of several alignments to take where the shape is symmetric, from 0: see [`Correspondence::report`].
+    /// Which of several alignments to use if the shape is symmetric, from 0: see [`Correspondence::report`].
     #[must_use]
     pub fn alternative(mut self, alternative: usize) -> Self {
         self.params.alternative = alternative;
@@ -98,7 +99,7 @@ impl Matcher {
         self
     }
 
-    /// Takes one mesh for a part of the other, at the same scale: what has no counterpart stays without a match.
+    /// Treats one mesh as a part of the other, at the same scale: vertices without a counterpart stay unmatched.
     #[must_use]
     pub fn partial(mut self, partial: bool) -> Self {
         self.params.partial = partial;
@@ -141,12 +142,12 @@ impl Correspondence {
         &self.found.matches
     }
 
-    /// Whether the shape is symmetric, so that there are other alignments that fit about as well.
+    /// Whether the shape is symmetric, so that other alignments fit about as well.
     pub fn is_ambiguous(&self) -> bool {
         self.found.alignments.ambiguous
     }
 
-    /// Alignments that fit, facts of both meshes, options, seconds by stage.
+    /// The alignments that fit, facts about both meshes, options, seconds by stage.
     pub fn report(&self) -> &Value {
         &self.report
     }
@@ -154,7 +155,7 @@ impl Correspondence {
     /// Writes the matches as `.npy` or `.csv`, with the feature `parquet` also as `.parquet`.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for an unknown ending; [`crate::Error::Io`].
+    /// [`crate::Error::Parameter`] for an unknown file extension; [`crate::Error::Io`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         self.options.with(|context, _| files::write(path.as_ref(), &self.found.matches, context.run))
     }

@@ -1,6 +1,6 @@
-//! Scores existing labels, carries them to another mesh, and measures how well landmarks sample a mesh.
+//! Scores existing labels, transfers them to another mesh, and measures how well landmarks sample a mesh.
 //!
-//! Thin: costs are those of [`crate::apps::evaluate`], [`crate::apps::transfer`] and [`crate::apps::study`].
+//! Thin wrappers: costs are those of [`crate::apps::evaluate`], [`crate::apps::transfer`] and [`crate::apps::study`].
 
 use super::mesh::admitted;
 use super::run::{RunOptions, run_options, work_options};
@@ -14,11 +14,11 @@ use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
 use crate::spectral::Kernel;
 
-/// Seeds of a comparison at the most.
+/// Maximum number of seeds of a comparison.
 const MOST_SEEDS: u64 = 10_000;
 
-/// How far `labels` (faces) are from each of `truths` (faces each), people's as a rule, in the mean: the metrics of the
-/// Princeton Segmentation Benchmark, 0 where equal. Values of labels do not matter, only which faces share one.
+/// The mean scores of `labels` (faces) against each of `truths` (faces each), usually those of people: the metrics of
+/// the Princeton Segmentation Benchmark, 0 if equal. The values of labels do not matter, only which faces share one.
 ///
 /// ```
 /// # fn main() -> nystrom_stream::Result<()> {
@@ -31,14 +31,14 @@ const MOST_SEEDS: u64 = 10_000;
 /// ```
 ///
 /// # Errors
-/// [`crate::Error::Parameter`] where labels and faces differ in number, or without truths.
+/// [`crate::Error::Parameter`] if labels and faces differ in number, or without truths.
 pub fn evaluate<L: AsRef<[u32]>>(mesh: &Mesh, labels: &[u32], truths: &[L]) -> Result<Scores> {
     let evaluator = Evaluator::of(mesh)?;
     let labels = evaluator.segmentation("labels", labels)?;
     evaluator.compare_many(&labels, &evaluator.segmentations(truths)?)
 }
 
-/// Carries labels to another version of a mesh in the same place: another resolution, decimated, re-meshed.
+/// Transfers labels to another version of a mesh in the same position: another resolution, decimated, re-meshed.
 ///
 /// ```
 /// # fn main() -> nystrom_stream::Result<()> {
@@ -58,23 +58,24 @@ pub struct LabelTransfer {
 run_options!(LabelTransfer);
 
 impl LabelTransfer {
-    /// A transfer with the default of every option.
+    /// A transfer with default options.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Carries `labels`, one per face of `from`, to the faces of `to`. A face labelled [`u32::MAX`] has none; what it
-    /// is nearest to gets the label around.
+    /// Transfers `labels`, one per face of `from`, to the faces of `to`. The label [`u32::MAX`] means none; faces
+    /// nearest to unlabelled ones get the label around them.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for labels that do not fit `from`; [`crate::Error::Unusable`] where most of `to`
-    /// lies far from `from`; [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    /// [`crate::Error::Parameter`] for labels that do not match `from`; [`crate::Error::Unusable`] if most of `to` lies
+    /// far from `from`; [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
     pub fn run(&self, from: &Mesh, labels: &[u32], to: &Mesh) -> Result<Transferred> {
         self.options.with(|context, _| transfer(from, labels, to, context))
     }
 }
 
-/// Measures how well samples of landmarks represent a mesh: Γ (eq. 6 of the paper), and what held-out columns tell.
+/// Measures how well samples of landmarks represent a mesh: Γ (eq. 6 of the paper), and the residual of held-out
+/// columns.
 ///
 /// ```
 /// # fn main() -> nystrom_stream::Result<()> {
@@ -98,40 +99,40 @@ run_options!(SamplingQuality);
 work_options!(SamplingQuality);
 
 impl SamplingQuality {
-    /// Ten farthest points under the exponential kernel.
+    /// Ten farthest points with the exponential kernel.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Numbers of landmarks to measure; more than there are faces are all faces.
+    /// Numbers of landmarks to measure; more than there are faces means all faces.
     #[must_use]
     pub fn landmarks(mut self, counts: impl Into<Vec<usize>>) -> Self {
         self.params.landmarks = counts.into();
         self
     }
 
-    /// Ways of choosing landmarks to measure.
+    /// Samplings to measure.
     #[must_use]
     pub fn samplings(mut self, samplings: impl Into<Vec<Sampling>>) -> Self {
         self.params.samplings = samplings.into();
         self
     }
 
-    /// Measures each way under so many seeds, counted from [`SamplingQuality::seed`]; 1 by default, 10,000 at the most.
+    /// Number of seeds for each sampling, counted from [`SamplingQuality::seed`]; 1 by default, at most 10,000.
     #[must_use]
     pub fn seeds(mut self, count: u64) -> Self {
         self.seeds = Some(count);
         self
     }
 
-    /// From distance to affinity; its width is `width` mean distances.
+    /// The function from distance to affinity; its width is `width` times the mean distance.
     #[must_use]
     pub fn kernel(mut self, kernel: Kernel, width: f64) -> Self {
         (self.params.kernel, self.params.width) = (kernel, width);
         self
     }
 
-    /// What steps from face to face weigh.
+    /// The metric of the edge weights.
     #[must_use]
     pub fn metric(mut self, metric: Metric) -> Self {
         self.metric = metric;
@@ -141,8 +142,8 @@ impl SamplingQuality {
     /// Measures samples of the faces of `mesh`: one record per sampling, number of landmarks and seed.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for no or 0 landmarks, no sampling, no seed or too many, or a width that is no
-    /// positive number; [`crate::Error::WorkDir`], [`crate::Error::Memory`], [`crate::Error::Io`],
+    /// [`crate::Error::Parameter`] for no or 0 landmarks, no sampling, no seed or too many, or a width that is not
+    /// positive; [`crate::Error::WorkDir`], [`crate::Error::Memory`], [`crate::Error::Io`],
     /// [`crate::Error::Cancelled`].
     pub fn run(&self, mesh: &Mesh) -> Result<Vec<SampleRecord>> {
         let count = self.seeds.unwrap_or(1);

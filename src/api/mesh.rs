@@ -1,4 +1,4 @@
-//! Methods of [`Mesh`] that need the layers above it: an example mesh of any size, and labelled files of every form.
+//! Methods of [`Mesh`] that need the layers above it: an example mesh of any size, and labelled files in every format.
 
 use crate::apps::creature::{Creature, Options};
 use crate::apps::export::form::{Form, SaveOptions, unknown};
@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 impl Mesh {
-    /// An animal on four legs with at least `faces` faces: a mesh to try things on. See [`crate::apps::creature`].
+    /// A four-legged animal with at least `faces` faces: a mesh for trying things. See [`crate::apps::creature`].
     ///
     /// ```
     /// # fn main() -> nystrom_stream::Result<()> {
@@ -36,10 +36,10 @@ impl Mesh {
         Self::from_vecs(positions, faces)
     }
 
-    /// Writes the mesh with labels in the form that the ending of `path` names: `.ply` (what the file held, with
-    /// labels, colours and qualities of the faces), `.seg` (one label per line), `.npy` (labels), `.obj` (one group per
-    /// part), `.glb`, or a folder with one PLY per part where `path` ends with `/`; `.png` with the feature `pictures`,
-    /// `.parquet` with `parquet`.
+    /// Writes the mesh with labels in the format given by the extension of `path`: `.ply` (the content of the file,
+    /// with labels, colours and qualities of the faces), `.seg` (one label per line), `.npy` (labels), `.obj` (one
+    /// group per part), `.glb`, or a folder with one PLY per part if `path` ends with `/`; `.png` with the feature
+    /// `pictures`, `.parquet` with `parquet`.
     ///
     /// ```
     /// # fn main() -> nystrom_stream::Result<()> {
@@ -56,22 +56,23 @@ impl Mesh {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Parameter`] for an unknown ending, labels or qualities that do not fit the faces, colours (if any) that
-    /// are fewer than the parts, names of parts that do not exist, labels that the form cannot hold (beyond `i32` in a
-    /// `.ply`, 65,536 parts or more in an `.obj`, a `.glb` or a folder); [`Error::Memory`]; [`Error::Io`].
+    /// [`Error::Parameter`] for an unknown file extension, labels or qualities that do not match the faces, fewer
+    /// colours than parts (unless there are none), names of parts that do not exist, labels that the format cannot hold
+    /// (beyond `i32` in a `.ply`, 65,536 parts or more in an `.obj`, a `.glb` or a folder); [`Error::Memory`];
+    /// [`Error::Io`].
     pub fn save(&self, path: impl AsRef<Path>, labelling: Labelling<'_>) -> Result<()> {
         self.save_with(path, labelling, &SaveOptions::default())
     }
 
-    /// The same with choices. A folder's `parts.json` says of each part whether `cap` made it a solid.
+    /// The same with options. A folder's `parts.json` states for each part whether `cap` made it a solid.
     ///
     /// # Errors
-    /// As [`Mesh::save`]; [`Error::Parameter`] for choices that the form does not leave.
+    /// As [`Mesh::save`]; [`Error::Parameter`] for options that do not apply to the format.
     pub fn save_with(&self, path: impl AsRef<Path>, labelling: Labelling<'_>, options: &SaveOptions) -> Result<()> {
         self.save_under(path, labelling, options, &Run::new(&()))
     }
 
-    /// The same under `run`, which may stop it.
+    /// The same under `run`, which can cancel it.
     ///
     /// # Errors
     /// As [`Mesh::save_with`]; [`Error::Cancelled`].
@@ -91,8 +92,8 @@ impl Mesh {
     }
 }
 
-/// Refuses colours that are too few for the labels, unless there are none at all, and names of parts that are neither
-/// coloured nor of any face: both are of another labelling.
+/// Rejects too few colours for the labels, unless there are none at all, and names of parts that have neither a colour
+/// nor faces: both belong to another labelling.
 fn named_and_coloured(labelling: &Labelling<'_>) -> Result<()> {
     let Labelling { labels, colours, names, .. } = labelling;
     let parts = labels.iter().max().map_or(0, |&label| label as usize + 1);
@@ -107,8 +108,8 @@ fn named_and_coloured(labelling: &Labelling<'_>) -> Result<()> {
     Ok(())
 }
 
-/// What identifies `mesh` in the work directory of `context`, which is refused where it is of another mesh and not to
-/// be made anew by `force`.
+/// The identity of `mesh` for the work directory of `context`. A work directory of another mesh is refused, or emptied
+/// with `force`.
 pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result<Value> {
     let identity = identity(mesh, context.work, |path| input::identity_in(path, context.work))?;
     admit(mesh.path(), &identity, force, context)?;
@@ -116,14 +117,14 @@ pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result
     Ok(identity)
 }
 
-/// What identifies `mesh` in `work`: a file as `of_file` has it, arrays by a hash of their content. Null in a temporary
-/// directory, so that nothing is read in vain.
+/// The identity of `mesh` for `work`: that of a file by `of_file`, that of arrays by a hash of their content. Null in a
+/// temporary directory, where it would be computed in vain.
 pub(super) fn identity(mesh: &Mesh, work: &WorkDir, of_file: impl FnOnce(&Path) -> Result<Value>) -> Result<Value> {
     match mesh.document() {
         _ if work.is_temporary() => Ok(Value::Null),
         Some(document) if mesh.path().is_file() => {
             let identity = of_file(mesh.path())?;
-            // Another file may lie there by now.
+            // Another file may be at that path by now.
             if document.is_file() && identity["whole"] != checksum_of(document.bytes()) {
                 let problem = "has changed since it was opened";
                 return Err(Error::malformed(mesh.path(), "file", problem, "open it again"));

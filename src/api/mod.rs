@@ -1,18 +1,18 @@
-//! The front door: a mesh, what can be done with it, and what comes out, without the layers in between.
+//! The main interface: a mesh, what can be done with it, and the results, without the layers in between.
 //!
 //! | Question | Builder | Result |
 //! |---|---|---|
 //! | Which parts does a mesh have? | [`Segmenter`] | [`Segmentation`], [`Hierarchy`] |
-//! | Which vertex of one mesh is which of another? | `Matcher` | `Correspondence` |
+//! | Which vertex of one mesh corresponds to which of another? | `Matcher` | `Correspondence` |
 //! | In which order does it stream best? | [`Sequencer`] | [`Sequence`] |
 //! | How well do landmarks represent it (Γ, eq. 6)? | [`SamplingQuality`] | [`SampleRecord`]s |
 //! | How well do labels agree with people's? | [`evaluate()`] | [`Scores`] |
-//! | What are the labels of another version of it? | [`LabelTransfer`] | [`Transferred`] |
+//! | Which labels does another version of it get? | [`LabelTransfer`] | [`Transferred`] |
 //!
-//! Builders are plain values: cheap to clone, reusable for many meshes, [`Send`]. All take the options of
-//! a run: threads, memory, seed, folders, progress, cancellation. Arrays between the stages are held in memory as long
-//! as half of the memory budget stays free; what does not fit goes to a temporary folder, so that larger meshes only
-//! take longer. Results do not depend on threads or memory.
+//! Builders are plain values: cheap to clone, reusable for many meshes, [`Send`]. All have the options of a run:
+//! threads, memory, seed, folders, progress, cancellation. Arrays between the stages are kept in memory as long as half
+//! of the memory budget stays free; the rest goes to a temporary folder, so that larger meshes only take longer.
+//! Results do not depend on threads or memory.
 
 #[cfg(feature = "correspondence")]
 pub mod correspond;

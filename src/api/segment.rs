@@ -1,6 +1,6 @@
 //! Cuts a mesh into parts, and holds the result.
 //!
-//! A run costs what [`crate::pipeline::segment()`] does. Its result has 8 bytes per face, labels and confidences, in
+//! A run costs the same as [`crate::pipeline::segment()`]. Its result has 8 bytes per face, labels and confidences, in
 //! memory or mapped.
 
 use super::mesh::admitted;
@@ -34,7 +34,7 @@ use std::path::Path;
 /// # }
 /// ```
 ///
-/// A run can be watched, and stopped from another thread:
+/// A run can be observed, and stopped from another thread:
 ///
 /// ```
 /// use nystrom_stream::{Cancel, Error, Mesh, Progress, Segmenter};
@@ -53,7 +53,7 @@ use std::path::Path;
 /// # }
 /// ```
 ///
-/// Memory: some 200 bytes per face where the budget allows, else a few megabytes per thread and the rest on disk. Time:
+/// Memory: some 200 bytes per face if the budget allows, else a few megabytes per thread and the rest on disk. Time:
 /// about a second per million faces and core.
 #[derive(Clone, Debug, Default)]
 pub struct Segmenter {
@@ -67,7 +67,7 @@ run_options!(Segmenter);
 work_options!(Segmenter);
 
 impl Segmenter {
-    /// Finds the number of parts, with the default of every option.
+    /// Finds the number of parts; all options have their defaults.
     pub fn new() -> Self {
         Self::default()
     }
@@ -77,7 +77,7 @@ impl Segmenter {
         Self { params, ..Self::default() }
     }
 
-    /// All options as the pipeline takes them.
+    /// All options as pipeline parameters.
     pub fn params(&self) -> &SegmentParams {
         &self.params
     }
@@ -89,14 +89,15 @@ impl Segmenter {
         self
     }
 
-    /// As many parts as are found, from `least` to `most`, both included.
+    /// As many parts as are found, within `least` and `most`, both included.
     #[must_use]
     pub fn parts_between(mut self, least: usize, most: usize) -> Self {
         self.params.parts.count = PartCount::Between(least, most);
         self
     }
 
-    /// Finds fewer parts (down to −1) or more (up to 1) than by default (0); not together with [`Segmenter::parts`].
+    /// Finds fewer parts (down to −1) or more (up to 1) than by default (0); cannot be combined with
+    /// [`Segmenter::parts`].
     #[must_use]
     pub fn detail(mut self, detail: f64) -> Self {
         self.params.parts.detail = detail;
@@ -119,7 +120,7 @@ impl Segmenter {
         self
     }
 
-    /// What steps from face to face weigh.
+    /// The metric of the edge weights.
     #[must_use]
     pub fn metric(mut self, metric: Metric) -> Self {
         self.params.metric = metric;
@@ -133,29 +134,29 @@ impl Segmenter {
         self
     }
 
-    /// Computes rows over all faces of a large mesh too, instead of more of them over its contraction: slower, and
-    /// parts depend more on the seed.
+    /// Computes rows over all faces even for a large mesh, instead of more rows over its contraction: slower, and parts
+    /// depend more on the seed.
     #[must_use]
     pub fn exact(mut self, exact: bool) -> Self {
         self.params.exact = exact;
         self
     }
 
-    /// In which order faces are worked on.
+    /// The order in which faces are processed.
     #[must_use]
     pub fn order(mut self, order: Order) -> Self {
         self.params.order = order;
         self
     }
 
-    /// How parts are decided on.
+    /// The method of deciding on parts.
     #[must_use]
     pub fn decision(mut self, decision: Decision) -> Self {
         self.params.parts.decision = decision;
         self
     }
 
-    /// Over-segmentations in the ensemble that parts are decided with; 12 by default.
+    /// Number of over-segmentations in the ensemble for deciding on parts; 12 by default.
     #[must_use]
     pub fn ensemble_size(mut self, size: usize) -> Self {
         self.params.parts.ensemble_size = size;
@@ -169,43 +170,44 @@ impl Segmenter {
         self
     }
 
-    /// What becomes of components too small to be parts.
+    /// The treatment of components too small to be parts.
     #[must_use]
     pub fn tiny_components(mut self, tiny_components: TinyComponents) -> Self {
         self.params.tiny_components = tiny_components;
         self
     }
 
-    /// What becomes of the inside of hollow bodies.
+    /// The treatment of the inside of hollow bodies.
     #[must_use]
     pub fn walls(mut self, walls: Walls) -> Self {
         self.params.walls = walls;
         self
     }
 
-    /// How faces near boundaries get their labels.
+    /// How faces near boundaries are labelled.
     #[must_use]
     pub fn boundaries(mut self, boundaries: Boundaries) -> Self {
         self.params.boundaries = boundaries;
         self
     }
 
-    /// How distances become coordinates, for K-means and 2-means.
+    /// The embedding of distances, for K-means and 2-means.
     #[must_use]
     pub fn embedding(mut self, embedding: EmbeddingParams) -> Self {
         self.params.embedding = Some(embedding);
         self
     }
 
-    /// Corrects the parts. With a [`Segmenter::work_dir`] that has been used for the mesh, that is all that is done.
+    /// Corrects the parts. If the [`Segmenter::work_dir`] already has the stages for the mesh, only the corrections are
+    /// computed.
     #[must_use]
     pub fn edits(mut self, edits: Edits) -> Self {
         self.edits = Some(edits);
         self
     }
 
-    /// Hints painted on faces, one value per face (n): equal values belong together, different
-    /// ones apart, 0 says nothing.
+    /// Hints painted on faces, one value per face (n): equal values belong together, different ones apart, 0 means no
+    /// hint.
     #[must_use]
     pub fn hints(mut self, values: Vec<u32>) -> Self {
         self.hints = Some(values);
@@ -215,11 +217,11 @@ impl Segmenter {
     /// Cuts `mesh`.
     ///
     /// # Errors
-    /// [`crate::Error::Malformed`] naming the edit that cannot be followed, or for a file that has changed since it was
-    /// opened; [`crate::Error::Parameter`] for options out of range, without effect, or that contradict each other;
+    /// [`crate::Error::Malformed`] naming the edit that cannot be applied, or for a file that has changed since it was
+    /// opened; [`crate::Error::Parameter`] for options that are out of range, without effect, or contradict each other;
     /// [`crate::Error::Unusable`] for more parts than faces; [`crate::Error::WorkDir`] for a work directory in use, of
     /// another mesh, or damaged; [`crate::Error::Memory`], [`crate::Error::Disk`], [`crate::Error::Io`],
-    /// [`crate::Error::Cancelled`]; [`crate::Error::Internal`] where a listener panics.
+    /// [`crate::Error::Cancelled`]; [`crate::Error::Internal`] if a listener panics.
     pub fn run(&self, mesh: &Mesh) -> Result<Segmentation> {
         let mut params = self.params.clone();
         if let Some(edits) =
@@ -274,12 +276,12 @@ pub struct Segmentation {
 }
 
 impl Segmentation {
-    /// One part per face, from 0, in the order of the mesh (faces).
+    /// One part per face, from 0, in mesh order (faces).
     pub fn labels(&self) -> &[u32] {
         &self.labels
     }
 
-    /// The faces of a part, ascending; none where there is no such part. A pass over the labels.
+    /// The faces of a part, ascending; empty if there is no such part. One pass over the labels.
     ///
     /// ```
     /// # fn main() -> nystrom_stream::Result<()> {
@@ -295,17 +297,17 @@ impl Segmentation {
         self.labels.iter().enumerate().filter(move |&(_, &label)| label == part).map(|(face, _)| face)
     }
 
-    /// How sure each label is, 0 to 1 (faces).
+    /// The confidence of each label, 0 to 1 (faces).
     pub fn confidences(&self) -> &[f32] {
         &self.quality
     }
 
-    /// One colour (sRGB) per part; parts that touch have colours that the colour-blind can tell apart too.
+    /// One colour (sRGB) per part; adjacent parts have colours that colour-blind people can distinguish too.
     pub fn colours(&self) -> &[[u8; 3]] {
         &self.colours
     }
 
-    /// One name per part, empty where it has none; none at all where no part has one.
+    /// One name per part, empty if it has none; an empty slice if no part has one.
     pub fn names(&self) -> &[String] {
         &self.names
     }
@@ -315,7 +317,7 @@ impl Segmentation {
         self.colours.len()
     }
 
-    /// The part of each cell of the [`Hierarchy`] before boundaries were refined; none where there are no cells.
+    /// The part of each cell of the [`Hierarchy`] before refinement of boundaries; empty if there are no cells.
     #[cfg(feature = "pages")]
     pub fn cell_labels(&self) -> &[u32] {
         &self.cell_labels
@@ -326,19 +328,19 @@ impl Segmentation {
         &self.report
     }
 
-    /// The same mesh in any other number of parts, roughly and at once; `None` for K-means and 2-means.
+    /// The same mesh in any other number of parts, approximately and immediately; `None` for K-means and 2-means.
     pub fn hierarchy(&self) -> Option<&Hierarchy> {
         self.hierarchy.as_ref()
     }
 
-    /// Labels, colours and confidences as writers take them.
+    /// Labels, colours and confidences in the form that writers take.
     pub fn labelling(&self) -> Labelling<'_> {
         Labelling { labels: &self.labels, colours: &self.colours, quality: Some(&self.quality), names: &self.names }
     }
 
-    /// Writes the labelled mesh in the form that the ending of `path` names: `.ply` with a colour per face, `.seg`,
-    /// `.npy` and others, see [`Mesh::save`]. With the feature `pages` also `.html` (or `.htm`), a page to turn the
-    /// mesh on, with a slider for the number of parts.
+    /// Writes the labelled mesh in the format given by the extension of `path`: `.ply` with a colour per face, `.seg`,
+    /// `.npy` and others, see [`Mesh::save`]. With the feature `pages` also `.html` (or `.htm`), an interactive page
+    /// with a slider for the number of parts.
     ///
     /// # Errors
     /// As [`Mesh::save`].
@@ -346,7 +348,7 @@ impl Segmentation {
         self.save_with(path, &SaveOptions::default())
     }
 
-    /// The same with choices.
+    /// The same with options.
     ///
     /// # Errors
     /// As [`Mesh::save_with`].
@@ -381,10 +383,10 @@ impl Segmentation {
     }
 }
 
-/// The hierarchy of parts that a cut was taken from: some two thousand cells, joined one by one down to one part.
+/// The hierarchy of parts from which a cut was taken: some two thousand cells, joined one by one down to one part.
 ///
-/// Its cuts follow the borders of cells, which lie within a cell of those of [`Segmentation::labels`]; for boundaries
-/// as fine as those, run again with the same [`Segmenter::work_dir`]. Memory: 4 bytes per face.
+/// Its cuts follow the borders of cells, which are within a cell of the boundaries in [`Segmentation::labels`]; for
+/// refined boundaries, run again with the same [`Segmenter::work_dir`]. Memory: 4 bytes per face.
 #[derive(Clone, Debug)]
 pub struct Hierarchy {
     cells: MappedSlice<u32>,
@@ -406,17 +408,17 @@ impl Hierarchy {
         &self.kept.decision.tree
     }
 
-    /// What the parts were decided with, and edits are followed with.
+    /// The decision behind the parts, which edits need.
     pub fn decision(&self) -> &KeptDecision {
         &self.kept
     }
 
-    /// The cell of each face, in the order of the mesh (faces).
+    /// The cell of each face, in mesh order (faces).
     pub fn cells(&self) -> &[u32] {
         &self.cells
     }
 
-    /// The mesh cut into exactly `parts` parts: one label per face, from 0 (faces). A pass over the faces.
+    /// The mesh cut into exactly `parts` parts: one label per face, from 0 (faces). One pass over the faces.
     ///
     /// ```
     /// # fn main() -> nystrom_stream::Result<()> {

@@ -1,4 +1,4 @@
-//! Finds an order to stream a mesh in, so that a reader holds few vertices at a time.
+//! Finds an order for streaming a mesh, such that a reader holds few vertices at a time.
 
 use super::mesh::admitted;
 use super::run::{RunOptions, run_options, work_options};
@@ -37,14 +37,14 @@ impl Sequencer {
         Self::default()
     }
 
-    /// What to order by.
+    /// The criterion of the order.
     #[must_use]
     pub fn order(mut self, order: SequenceOrder) -> Self {
         self.params.order = order;
         self
     }
 
-    /// Sweeps that improve spectral coordinates; none by default.
+    /// Number of sweeps that improve spectral coordinates; none by default.
     #[must_use]
     pub fn sweeps(mut self, sweeps: usize) -> Self {
         self.params.sweeps = sweeps;
@@ -84,7 +84,7 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// The place of each face in the new order, from 0 (faces).
+    /// The position of each face in the new order, from 0 (faces).
     pub fn places(&self) -> &[u32] {
         &self.order.places
     }
@@ -102,8 +102,8 @@ impl Sequence {
     /// Writes the mesh file in its new order as `.ply`, or [`Sequence::places`] as `.npy`.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for another ending; [`crate::Error::Unusable`] for a `.ply` of a mesh of arrays,
-    /// which has no file; [`crate::Error::Memory`], [`crate::Error::Io`].
+    /// [`crate::Error::Parameter`] for another file extension; [`crate::Error::Unusable`] for a `.ply` of a mesh from
+    /// arrays, which has no file; [`crate::Error::Memory`], [`crate::Error::Io`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         if ends_with(path, "npy") {
