@@ -1,8 +1,8 @@
-//! `segment` over all of its meshes: what is checked first, and batches.
+//! `segment` over all of its meshes: validation before any work, and batches.
 //!
-//! Many meshes come as files, folders and patterns; jobs take them from one list, and a table grows. Jobs
-//! share threads and memory evenly, so what one mesh gets depends on `--jobs` alone. A mesh that fails is
-//! reported, and the rest goes on.
+//! Meshes are given as files, folders and patterns; jobs take them from one list, and a table grows. Jobs share threads
+//! and memory evenly, so the resources of one mesh depend on `--jobs` alone. A mesh that fails is reported, and the
+//! rest continues.
 
 use super::edits::Like;
 use super::errors::{file_of, message};
@@ -26,14 +26,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// Refuses combinations of options before any work.
+/// Rejects invalid combinations of options before any work.
 fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(SegmentParams, Option<Edits>), CliError> {
     let mut params = args.method.params()?;
     let edits = args.edits.read(&args.method.parts, &mut params)?;
     params.check()?;
     let misused = |text: &str| Err(CliError::Usage(text.into()));
     let outputs = outputs_of(&args.output)?;
-    // What is written by default is a PLY.
+    // The default output is a PLY.
     let default = [Output::stdout()];
     args.form.check(if outputs.is_empty() { &default } else { &outputs })?;
     if !outputs.is_empty() {
@@ -68,7 +68,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     // A wrong option is reported before a missing folder.
     args.method.params()?;
     let (meshes, several) = meshes(&args.meshes)?;
-    // A pattern or a list that happens to name one mesh is a batch still.
+    // A pattern or a list that happens to match one mesh is still a batch.
     let many = several || args.is_batch();
     let (mut params, mut edits) = check(args, &meshes, several)?;
     let like = match &args.like.like {
@@ -80,7 +80,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
             let (work, run) = (WorkDir::temporary(&place)?, args.run.run(&(), app));
             Some(match edits.take() {
                 Some(edits) => {
-                    // The others have its parts, whatever their number.
+                    // The other meshes get its parts, whatever their number.
                     let own = std::mem::replace(&mut params, args.method.params()?);
                     Like::edited(path, &own, &edits, work, &run)?
                 }
@@ -98,7 +98,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     check_distinct(jobs.iter().map(|job| &job.mesh).chain(edits.clone()), &written)?;
     let files = jobs.iter().map(|job| &job.mesh).chain(edits).chain(&written);
     check_folders(jobs.iter().flat_map(|job| &job.outputs), files)?;
-    // Those of each mesh are looked at when its turn comes.
+    // The inputs and outputs of each mesh are checked when its turn comes.
     args.json.json.iter().chain(&args.json_lines).try_for_each(|path| Sink::of(path).check())?;
     if many {
         return all(jobs, task, app);
@@ -110,13 +110,13 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     args.json.publish(&report)?;
     report.remarks(&params).iter().for_each(|text| run.progress.note(text));
     let faces = format!("{} face{}", human(report.input.faces as f64), if report.input.faces == 1 { "" } else { "s" });
-    // With `--like` the reference may leave numbers out.
+    // With `--like`, the reference may leave numbers unused.
     let parts = report.parts.iter().filter(|part| part.faces > 0).count();
     run.progress.note_of_work(&ending(&faces, parts, start, &job.outputs));
     Ok(())
 }
 
-/// A job per mesh; in `patterns` of outputs `{}` stands for the name of the mesh without ending.
+/// One job per mesh; in the output `patterns`, `{}` stands for the name of the mesh without extension.
 fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError> {
     let mut owner: BTreeMap<PathBuf, PathBuf> = BTreeMap::new();
     let mut jobs = Vec::with_capacity(meshes.len());
@@ -158,17 +158,17 @@ impl Table {
         format!("{mesh:width$} {faces:>10} {parts:>6} {seconds:>9}", width = self.width)
     }
 
-    /// The row of a mesh that is done.
+    /// The row of a finished mesh.
     fn row_of(&self, mesh: &Path, report: &Report, seconds: f64) -> String {
         let (faces, parts) = (report.input.faces.to_string(), report.parts.len().to_string());
         self.row(&mesh.display().to_string(), &faces, &parts, &format!("{seconds:.3}"))
     }
 }
 
-/// What the jobs have done.
+/// The progress of the jobs.
 #[derive(Default)]
 struct Tally {
-    /// Where JSON lines go.
+    /// Destination of JSON lines.
     lines: Option<OpenSink>,
     reports: BTreeMap<usize, Report>,
     failed: Vec<(PathBuf, String)>,
@@ -177,12 +177,12 @@ struct Tally {
 }
 
 impl Tally {
-    /// Writes a line of JSON where that is asked for.
+    /// Writes a line of JSON if requested.
     fn tell(&mut self, line: &Value) -> Result<()> {
         self.lines.as_mut().map_or(Ok(()), |lines| lines.write(format!("{line}\n").as_bytes()))
     }
 
-    /// Notes that a mesh is done already.
+    /// Records that a mesh was already done.
     fn skip(&mut self, job: &Job) {
         self.skipped += 1;
         if let Err(error) = self.tell(&json!({"mesh": job.mesh.to_string_lossy(), "skipped": true})) {
@@ -190,7 +190,7 @@ impl Tally {
         }
     }
 
-    /// Notes how a mesh went.
+    /// Records the result of a mesh.
     fn settle(&mut self, number: usize, job: &Job, result: Result<Report>, seconds: f64) {
         let written = match result {
             Ok(report) => {
@@ -201,7 +201,7 @@ impl Tally {
             Err(error @ Error::Cancelled) => Err(error),
             Err(error) => {
                 let reason = message(&error);
-                // Most messages begin with the file.
+                // Most messages start with the file name, which the table already shows.
                 let start = format!("{}: ", job.mesh.display());
                 let reason = reason.strip_prefix(&start).map_or(reason.clone(), str::to_string);
                 let line = json!({"mesh": job.mesh.to_string_lossy(), "seconds": seconds, "error": reason});
@@ -215,18 +215,18 @@ impl Tally {
     }
 }
 
-/// A batch at work.
+/// A running batch.
 struct Batch<'a> {
     jobs: Vec<Job>,
     task: Task<'a>,
     app: &'a AppContext,
-    /// What the outputs depend on besides their mesh.
+    /// Everything besides the mesh that the outputs depend on.
     options: Value,
     bars: BatchBars,
     table: Table,
-    /// How progress is told.
+    /// How progress is shown.
     style: Style,
-    /// Threads and bytes of memory that each mesh gets.
+    /// Threads and bytes of memory per mesh.
     share: (usize, u64),
     next: AtomicUsize,
     tally: Mutex<Tally>,
@@ -264,7 +264,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
     batch.conclude(start)
 }
 
-/// What outputs depend on besides their mesh.
+/// Everything besides the mesh that outputs depend on.
 fn options(task: Task<'_>) -> Result<Value> {
     let args = task.args;
     let file = |path: &Option<PathBuf>| path.as_deref().map(input::identity).transpose();
@@ -281,12 +281,12 @@ fn options(task: Task<'_>) -> Result<Value> {
 }
 
 impl Batch<'_> {
-    /// Whether lines for people are written.
+    /// Whether human-readable lines are written.
     fn told(&self) -> bool {
         matches!(self.style, Style::Terminal | Style::Lines)
     }
 
-    /// Does one job after another, until none is left or the batch is to stop.
+    /// Runs one job after another, until none is left or the batch is to stop.
     fn work(&self) {
         loop {
             let k = self.next.fetch_add(1, Ordering::Relaxed);
@@ -297,7 +297,7 @@ impl Batch<'_> {
         }
     }
 
-    /// Cuts mesh `k`, unless its outputs are there.
+    /// Cuts mesh `k`, unless its outputs exist.
     fn job(&self, k: usize) {
         let (job, args) = (&self.jobs[k], self.task.args);
         let mine = self.bars.of_mesh(&job.mesh.display().to_string());
@@ -310,7 +310,7 @@ impl Batch<'_> {
         let begin = Instant::now();
         let mut run = args.run.run(&mine, self.app);
         (run.threads, run.budget) = (self.share.0, Budget::new(self.share.1));
-        // A panic fails its mesh alone.
+        // A panic fails only its mesh.
         let result = catch(|| {
             let known = |what: fn(&Maker, &Output)| {
                 maker.iter().for_each(|maker| job.outputs.iter().for_each(|output| what(maker, output)));
@@ -332,7 +332,7 @@ impl Batch<'_> {
         lock(&self.tally).settle(k, job, result, seconds);
     }
 
-    /// Tells how the batch, which began at `start`, has gone.
+    /// Reports the result of the batch, which started at `start`.
     fn conclude(self, start: Instant) -> Result<(), CliError> {
         self.bars.finish();
         let told = self.told();

@@ -1,7 +1,7 @@
-//! The library's enums as values of options: for each value its name and a line of help, in one table per enum.
+//! The library's enums as option values: for each value its name and a line of help, in one table per enum.
 //!
-//! The library knows no clap. An option takes such an enum by `value_parser = choice::<T>()`,
-//! which lists names and help.
+//! The library does not know clap. An option takes such an enum by `value_parser = choice::<T>()`, which lists names
+//! and help.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use nystrom_stream::apps::correspond::Refine;
@@ -19,7 +19,7 @@ use nystrom_stream::spectral::{Kernel, Normalisation};
 /// A value, its name on the command line, and its help.
 type Named<T> = (T, &'static str, &'static str);
 
-/// What an option can be set to.
+/// An enum that can be an option's value.
 pub trait Choice: Copy + Send + Sync + 'static {
     /// All values, in the order of the help.
     const CHOICES: &'static [Named<Self>];
@@ -34,7 +34,7 @@ pub fn choice<T: Choice>() -> impl TypedValueParser<Value = T> {
     })
 }
 
-/// What `value` is called on the command line.
+/// The name of `value` on the command line.
 pub fn name_of<T: Choice + PartialEq>(value: T) -> &'static str {
     T::CHOICES.iter().find(|(choice, ..)| *choice == value).map_or("", |(_, name, _)| name)
 }
@@ -224,15 +224,15 @@ mod tests {
     use serde::de::DeserializeOwned;
     use serde_json::{Value, from_value, json, to_value};
 
-    /// The words that files know the variants of `T` by, as serde lists them where it is given another. Variants with
-    /// numbers have their word under `tag`.
+    /// The names of the variants of `T` in files, as serde lists them for an unknown variant. Variants with fields have
+    /// their name under `tag`.
     fn words<T: DeserializeOwned>(tag: Option<&str>) -> Vec<String> {
         let other = tag.map_or(json!("?"), |tag| json!({tag: "?"}));
         let told = from_value::<T>(other).err().unwrap().to_string();
         told.split('`').skip(3).step_by(2).map(str::to_string).collect()
     }
 
-    /// The words of the type `name` of the Python package; nothing where the sources of that are not there.
+    /// The literals of the type `name` of the Python package; `None` if its sources are not there.
     fn literal(name: &str) -> Option<Vec<String>> {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/python/python/nystrom_stream/_functions.py");
         let text = std::fs::read_to_string(path).ok()?;
@@ -246,8 +246,8 @@ mod tests {
         words
     }
 
-    /// The command line has every variant of `T` once, under the word that files have; so has the Python type `python`,
-    /// and for Python's sake the words of the command line in `besides` that files do not have.
+    /// The command line has every variant of `T` once, under the name used in files; so has the Python type `python`,
+    /// which also has the command-line names in `besides` that files do not have.
     fn check<T: Choice + Serialize + DeserializeOwned>(tag: Option<&str>, python: Option<&str>, besides: &[&str]) {
         let of_files = words::<T>(tag);
         let mut of_options = Vec::new();

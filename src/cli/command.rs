@@ -1,17 +1,17 @@
-//! The command line as it is parsed: what the derived one cannot say for each subcommand by itself.
+//! The command line as parsed: adaptations of the derived one for single subcommands.
 //!
-//! Groups of options are shared by subcommands that go on from a work directory and by others that do not, and
-//! options that take numbers are to refuse those below 0 in words of their own.
+//! Groups of options are shared by subcommands that continue from a work directory and by others that do not, and
+//! options that take numbers must reject negative ones with a message of their own.
 
 use super::Cli;
 use clap::builder::ValueParser;
 use clap::{Arg, Command, CommandFactory};
 use std::any::TypeId;
 
-/// What the help of an option says where its default is that of the work directory.
+/// Suffix in the help of options whose default is that of the work directory.
 const KEPT: &str = ", or as in the work directory";
 
-/// What the help of `--tmp` says where there is an output.
+/// Part of the help of `--tmp` if there is an output.
 const BESIDE_OUTPUT: &str = "that of the output";
 
 /// The command with all subcommands.
@@ -22,11 +22,11 @@ pub fn parsed() -> Command {
     })
 }
 
-/// `arg` as `subcommand` has it.
+/// `arg` adapted to `subcommand`.
 fn adapted(subcommand: &str, arg: Arg) -> Arg {
     let arg = if is_number(arg.get_value_parser()) { arg.allow_negative_numbers(true) } else { arg };
     let arg = match (arg.get_id().as_str(), subcommand) {
-        // Rows of `rows` are over all faces in any case, and those that others share never are.
+        // The rows of `rows` are always over all faces, and those shared by others never are.
         ("exact", "rows" | "share") => arg.hide(true),
         ("landmarks", "rows") => arg.help(
             "Number of landmarks [default: 120, above 60,000 faces 60 to 20 by size; with kmeans and two-means twice the \
@@ -42,7 +42,7 @@ fn adapted(subcommand: &str, arg: Arg) -> Arg {
         ("tmp", "quality") => told_anew(arg, BESIDE_OUTPUT, "the system's"),
         _ => arg,
     };
-    // There are no colours in it to be taken out.
+    // The help contains no ANSI colours that could be lost.
     match arg.get_help().map(|help| help.ansi().to_string()) {
         Some(help) if help.contains(KEPT) && !goes_on(subcommand, arg.get_id().as_str()) => {
             arg.help(help.replace(KEPT, ""))
@@ -51,13 +51,13 @@ fn adapted(subcommand: &str, arg: Arg) -> Arg {
     }
 }
 
-/// `arg`, whose help says `new` in the place of `old`.
+/// `arg` with `old` replaced by `new` in its help.
 fn told_anew(arg: Arg, old: &str, new: &str) -> Arg {
     let help = arg.get_help().map(|help| help.ansi().to_string().replace(old, new));
     arg.help(help.unwrap_or_default())
 }
 
-/// Whether `option`, not given to `subcommand`, is as in the work directory.
+/// Whether `option`, if not given to `subcommand`, is taken from the work directory.
 fn goes_on(subcommand: &str, option: &str) -> bool {
     match subcommand {
         "cluster" => true,

@@ -1,4 +1,5 @@
-//! `correspond`: matches the vertices of two meshes, and writes matches, colours, a picture, carried properties.
+//! `correspond`: matches the vertices of two meshes, and writes matches, colours, a picture, and transferred
+//! properties.
 
 use super::choices::choice;
 use super::errors::of_file;
@@ -151,13 +152,13 @@ impl MethodArgs {
 }
 
 impl CorrespondArgs {
-    /// All files to write, but for the report.
+    /// All files to write, except the report.
     fn outputs(&self) -> impl Iterator<Item = &PathBuf> + Clone {
         let shown = self.output.iter().chain(&self.colours).chain(&self.picture).chain(&self.carried);
         shown.chain(&self.points).chain(&self.functional_map).chain(&self.functions)
     }
 
-    /// Refuses what makes no sense, before any work.
+    /// Rejects invalid combinations before any work.
     fn check(&self) -> Result<(), CliError> {
         self.check_endings()?;
         if self.colour_by.is_some() && self.colours.is_empty() && self.picture.is_none() {
@@ -182,7 +183,7 @@ impl CorrespondArgs {
         Ok([&self.a, &self.b].into_iter().try_for_each(|path| check_there(path))?)
     }
 
-    /// Each output ends as what it is written as.
+    /// Every output has the extension of its format.
     fn check_endings(&self) -> Result<(), CliError> {
         if let Some(path) = self.output.iter().find(|path| !files::is_known(path)) {
             let (path, endings) = (path.display(), files::ENDINGS);
@@ -258,7 +259,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(args.json.publish(&report)?)
 }
 
-/// Writes what there is in functions.
+/// Writes the outputs of the functional map.
 fn write_functional(args: &CorrespondArgs, result: &Correspondence) -> Result<()> {
     if let (Some(path), Some(points)) = (&args.points, &result.points) {
         npy::write(path, points, 1, true)?;
@@ -274,14 +275,15 @@ fn write_functional(args: &CorrespondArgs, result: &Correspondence) -> Result<()
     Ok(())
 }
 
-/// What matches carry from B to A. It is read before anything is matched, so that what B lacks is told at once.
+/// What matches transfer from B to A. It is read before anything is matched, so that missing properties of B are
+/// reported at once.
 struct Carried {
     colours: Option<Colours>,
     properties: Vec<Property>,
 }
 
 impl Carried {
-    /// Reads the colours and the properties that are asked for.
+    /// Reads the requested colours and properties.
     fn read(args: &CorrespondArgs, b: &Mesh, context: Context<'_>) -> Result<Self> {
         let colours = match args.colour_by {
             _ if args.colours.is_empty() && args.picture.is_none() => None,
@@ -292,7 +294,7 @@ impl Carried {
         Ok(Self { colours, properties })
     }
 
-    /// Writes the coloured meshes, the picture and the carried properties that are asked for.
+    /// Writes the requested coloured meshes, picture and transferred properties.
     fn write(&self, args: &CorrespondArgs, a: &Mesh, b: &Mesh, matches: &[Match], context: Context<'_>) -> Result<()> {
         if let Some(colours) = &self.colours {
             if let [to_a, to_b] = &args.colours[..] {
@@ -313,14 +315,14 @@ impl Carried {
     }
 }
 
-/// Whether the boundary of one mesh is longer than the other's, by more than half the root of its
-/// area, as from its vertices.
+/// Whether the boundary of one mesh is longer than the other's by more than half the square root of its area, estimated
+/// from its vertices.
 fn one_is_open(result: &Correspondence) -> bool {
     let [a, b] = result.sides.each_ref().map(|side| side.graph.open as f64 / (side.graph.vertices as f64).sqrt());
     (a - b).abs() > 0.5
 }
 
-/// Notes where the symmetry of the shape leaves several alignments.
+/// Notes if the symmetry of the shape allows several alignments.
 fn tell(result: &Correspondence, chosen: usize, run: &Run) {
     let found = &result.alignments.found;
     if !result.partial.is_empty() {

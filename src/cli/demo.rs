@@ -1,4 +1,4 @@
-//! `demo`: makes a mesh with known parts, cuts it, and compares. A first look without a mesh of one's own.
+//! `demo`: generates a mesh with known parts, cuts it, and compares. A first try without a mesh of one's own.
 
 use super::options::{AppContext, CliError, RunArgs, ScratchArgs};
 use super::output::Output;
@@ -56,7 +56,7 @@ pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     let cut = SegmentArgs { run: args.run.clone(), scratch: args.scratch.clone(), no_plan: args.no_plan, ..cut };
     let job = Job { mesh, outputs: vec![Output::of(&ply)?, Output::of(&labels_file)?] };
     let params = cut.method.params()?;
-    // Making the mesh is not a part of what is measured.
+    // Generating the mesh is not part of the measurement.
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let report = segment::one(&job, Task { args: &cut, params: &params, edits: None, like: None }, &bars, &run, app)?;
@@ -81,7 +81,7 @@ pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(print(lines.join("\n").as_bytes())?)
 }
 
-/// `segment`'s arguments, parsed as a command of their own.
+/// The arguments of `segment`, parsed as a separate command.
 #[derive(Debug, Parser)]
 struct CutArgs {
     #[command(flatten)]

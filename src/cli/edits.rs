@@ -1,4 +1,4 @@
-//! `--edits`, `--hints` and `--like`: what a person corrects, and parts carried to meshes of a kind.
+//! `--edits`, `--hints` and `--like`: a person's corrections, and parts transferred to similar meshes.
 
 use super::input::read;
 use super::method::PartsArgs;
@@ -40,7 +40,7 @@ pub struct LikeArgs {
     pub like: Option<PathBuf>,
 }
 
-/// A labelled mesh that others are to be cut like.
+/// A labelled mesh whose parts others are to get.
 pub struct Like {
     _work: WorkDir,
     mesh: Mesh,
@@ -76,14 +76,14 @@ impl Like {
         Ok(Self { _work: work, mesh, labels: cut.labels, colours: cut.colours, names: cut.names })
     }
 
-    /// As the library takes it.
+    /// In the form that the library takes.
     pub fn reference(&self) -> Reference<'_> {
         Reference { mesh: &self.mesh, labels: &self.labels, colours: &self.colours, names: &self.names }
     }
 }
 
 impl EditArgs {
-    /// Reads the edits, where there are any. The number of parts that they start from is taken where none is asked for.
+    /// Reads the edits, if there are any. Their initial number of parts is used if none is requested.
     pub fn read(&self, parts: &PartsArgs, params: &mut SegmentParams) -> Result<Option<Edits>, CliError> {
         if params.cluster != Cluster::Parts {
             let given = self.edits.as_ref().map(|_| "--edits").or(self.hints.as_ref().map(|_| "--hints"));
@@ -101,8 +101,8 @@ impl EditArgs {
     }
 }
 
-/// Gives the parts in `names` the names of `table`, where it has one; there are `parts` parts. Whether there is a
-/// table.
+/// Gives the parts in `names` the names in `table`, where it has one; there are `parts` parts. Returns whether there is
+/// a table.
 pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Result<bool, Error> {
     let Some(path) = table else { return Ok(false) };
     let told = read_names(path)?;
@@ -115,7 +115,7 @@ pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Res
     Ok(true)
 }
 
-/// Edits and painted values as the library takes them.
+/// Edits and painted values in the form that the library takes.
 pub fn corrections<'a>(edits: Option<&'a PlacedEdits<'a>>, painted: Option<&'a MappedSlice<u32>>) -> Corrections<'a> {
     Corrections { edits, painted: painted.map(|values| &values[..]) }
 }

@@ -1,11 +1,11 @@
-//! Errors of the library in the words of the command line.
+//! Translates errors of the library to the terms of the command line.
 //!
-//! The library names options as its parameters are called, within sentences between backticks. Here they become flags.
+//! The library refers to options by its parameter names, between backticks in sentences. Here they become flags.
 
 use nystrom_stream::base::Error;
 use std::path::Path;
 
-/// Options of the library that the command line calls otherwise, and their flags.
+/// Library options with another name on the command line, and their flags.
 const FLAGS: [(&str, &str); 42] = [
     ("alternative", "--alternative"),
     ("beta", "--beta"),
@@ -51,7 +51,7 @@ const FLAGS: [(&str, &str); 42] = [
     ("work_dir", "--work-dir"),
 ];
 
-/// Stages that the library finds missing in a work directory, and what makes them.
+/// Stages that the library may report as missing in a work directory, and the commands that make them.
 const STAGES: [(&str, &str); 6] = [
     ("embedding", "nystrom-stream embed --work-dir …"),
     ("graph", "nystrom-stream graph MESH --work-dir …"),
@@ -61,7 +61,7 @@ const STAGES: [(&str, &str); 6] = [
     ("tree", "nystrom-stream export --work-dir … --tree FILE"),
 ];
 
-/// The message of `error`, with flags for the library's options.
+/// The message of `error`, with flags for library options.
 pub fn message(error: &Error) -> String {
     match error {
         Error::Parameter { name, problem, remedy } => {
@@ -72,7 +72,7 @@ pub fn message(error: &Error) -> String {
         Error::WorkDir { path, problem, remedy } => Error::work_dir(path, problem, with_flags(remedy)).to_string(),
         Error::Memory { .. } => with_flags(&error.to_string()),
         error => {
-            // What comes before the remedy may quote a path.
+            // The text before the remedy may quote a path.
             let text = error.to_string();
             text.rsplit_once("; ")
                 .map_or(text.clone(), |(problem, remedy)| format!("{problem}; {}", with_flags(remedy)))
@@ -80,7 +80,7 @@ pub fn message(error: &Error) -> String {
     }
 }
 
-/// The file or folder that `error` is about, where it is about one.
+/// The file or folder that `error` concerns, if there is one.
 pub fn file_of(error: &Error) -> Option<&Path> {
     match error {
         Error::Io { path, .. } | Error::Malformed { path, .. } | Error::Unusable { path, .. } => Some(path),
@@ -89,7 +89,7 @@ pub fn file_of(error: &Error) -> Option<&Path> {
     }
 }
 
-/// Where `error` is about the parameter `name`, which was read from the file `path`: an error of that file.
+/// If `error` is about the parameter `name`, which was read from the file `path`: an error of that file.
 pub fn of_file(error: Error, name: &str, path: Option<&Path>) -> Error {
     match (error, path) {
         (Error::Parameter { name: concerned, problem, remedy }, Some(path)) if concerned == name => {
@@ -99,13 +99,13 @@ pub fn of_file(error: Error, name: &str, path: Option<&Path>) -> Error {
     }
 }
 
-/// The flag of the option `name`, where it has one of its own.
+/// The flag of the option `name`, if it differs from the name.
 fn flag(name: &str) -> Option<&'static str> {
     FLAGS.iter().find(|(option, _)| *option == name).map(|(_, flag)| *flag)
 }
 
 /// `text` with a flag for each option between backticks, and a command for each stage; other words between backticks
-/// stay.
+/// are kept.
 fn with_flags(text: &str) -> String {
     let made = |text: String, (stage, command): &(&str, &str)| text.replace(&format!("stage `{stage}`"), command);
     let named = |text: String, (option, flag): &(&str, &str)| text.replace(&format!("`{option}`"), flag);

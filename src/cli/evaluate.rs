@@ -1,5 +1,5 @@
-//! `evaluate`: labels against those of people, for one mesh or over the folder of a benchmark; matches of `correspond`
-//! against true ones.
+//! `evaluate`: scores labels against those of people, for one mesh or for the folder of a benchmark; scores matches of
+//! `correspond` against true ones.
 
 use super::options::{AppContext, CliError, misfit};
 use super::output::{JsonArgs, check_charts};
@@ -61,7 +61,7 @@ pub struct EvaluateArgs {
     pub quiet: bool,
 }
 
-/// A table to read, and the same as JSON.
+/// A readable table, and the same data as JSON.
 type Outcome = (String, Value);
 
 pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), CliError> {
@@ -86,7 +86,7 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
     Ok(args.json.publish_or_print(&json, &format!("{}\n", text.trim_end()))?)
 }
 
-/// Checks the arguments that matches need, and scores them.
+/// Checks the arguments for matches, and scores them.
 fn matches(args: &EvaluateArgs, run: &Run) -> std::result::Result<Outcome, CliError> {
     match (&args.matches, &args.mesh, &args.truth[..]) {
         (Some(matches), Some(mesh), [] | [_]) => {
@@ -156,8 +156,8 @@ fn one(labels: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
     Ok((table.to_text_under("truth", "cuts"), json))
 }
 
-/// Judges `matches`, which point to vertices of `mesh`, by the vertex map `truth` (by number without one), at up to
-/// `samples` vertices spread evenly.
+/// Scores `matches`, which refer to vertices of `mesh`, against the vertex map `truth` (identity if none), at up to
+/// `samples` vertices, evenly spread.
 fn judge(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: usize, run: &Run) -> Result<Outcome> {
     let found = files::read(matches)?;
     let real = truth.map(files::read).transpose()?;

@@ -1,5 +1,5 @@
-//! Examples of the long help; man pages, completions and `docs/reference.md`, made from the same
-//! definitions as the help.
+//! Examples for the long help; man pages, completions and `docs/reference.md`, generated from the same definitions as
+//! the help.
 
 use super::options::CliError;
 use super::sink::{Sink, print};
@@ -102,7 +102,8 @@ pub fn man(args: &ManArgs, program: Command) -> Result<(), CliError> {
     Ok(clap_mangen::generate_to(program, folder).map_err(Error::io(folder, "write man pages to"))?)
 }
 
-/// The reference of all subcommands as Markdown. A group of options that an earlier subcommand has too is not repeated.
+/// The reference of all subcommands as Markdown. A group of options that an earlier subcommand also has is not
+/// repeated.
 fn markdown(mut program: Command) -> String {
     program.build();
     let mut text =
@@ -139,7 +140,7 @@ fn markdown(mut program: Command) -> String {
     text
 }
 
-/// The arguments of `command` by heading, in the order of its help, as rows of a table.
+/// The arguments of `command` by heading, in help order, as rows of a table.
 fn groups(command: &Command) -> Vec<(String, String)> {
     let mut groups: Vec<(String, String)> = Vec::new();
     let shown = |arg: &&Arg| !arg.is_hide_set() && !["help", "version"].contains(&arg.get_id().as_str());
@@ -156,7 +157,7 @@ fn groups(command: &Command) -> Vec<(String, String)> {
     groups
 }
 
-/// An argument as a row: how it is written, its help, its default, its values.
+/// An argument as a row: its syntax, help, default and values.
 fn row(arg: &Arg) -> String {
     let mut help = arg.get_long_help().or(arg.get_help()).map(ToString::to_string).unwrap_or_default();
     if arg.get_action().takes_values() {

@@ -1,4 +1,4 @@
-//! `info` and `verify`: what a work directory or a mesh holds and measures, and whether a work directory still does.
+//! `info` and `verify`: what a work directory or a mesh contains and measures, and whether a work directory is intact.
 
 use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs, WorkDirArgs, either};
@@ -52,16 +52,16 @@ pub struct VerifyArgs {
     pub shown: ShownArgs,
 }
 
-/// Faces of the mesh behind a manifest, where its graph is there.
+/// Number of faces of the mesh behind a manifest, if its graph exists.
 fn faces(manifest: &Manifest) -> Option<f64> {
     manifest.stages.get("graph")?.facts.get("nodes")?.as_f64()
 }
 
-/// What the header of a mesh file promises, as text and JSON; whether the rest keeps it shows only when it is read.
+/// The header of a mesh file as text and JSON; the rest of the file is not checked against it.
 fn header(path: &Path) -> Result<(String, Value)> {
     let size = size_of_mesh(path)?;
     let bytes = MappedBytes::open(path)?;
-    // A compressed file, or one that is no PLY, has no header to show.
+    // A compressed file, or one that is not a PLY, has no header to show.
     let header = header::parse(path, &bytes).ok();
     let (encoding, elements) =
         header.map_or((None, Vec::new()), |header| (Some(header.encoding.word()), header.elements));
@@ -88,13 +88,13 @@ fn header(path: &Path) -> Result<(String, Value)> {
     Ok((text, all))
 }
 
-/// The mesh at `path` or on standard input, read and measured, as text and JSON.
+/// Reads and measures the mesh at `path` or on standard input; returns text and JSON.
 fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value)> {
     let run = args.resources.run(&(), app);
     let stdin = path.as_os_str() == "-";
     let streams = stdin || is_pipe(path);
     let name = if stdin { "<stdin>".into() } else { path.to_string_lossy() };
-    // Without a header that tells the size, what is read tells it.
+    // Without a header that states the size, it is known only after reading.
     let counted_later = stdin || !args.header && shows_when_read(path)?;
     let (mut text, mut all) = if counted_later { (String::new(), json!({"mesh": name})) } else { header(path)? };
     if args.header {
@@ -118,13 +118,13 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
     Ok((text, all))
 }
 
-/// Three numbers of a length of `size`, to a ten-thousandth of it.
+/// Three coordinates of a mesh of `size`, rounded to a ten-thousandth of it.
 fn point(p: [f64; 3], size: f64) -> String {
     let digits = (4. - size.log10().floor()).clamp(0., 12.) as usize;
     p.map(|x| format!("{:.digits$}", if x.abs() < 0.5 * 10f64.powi(-(digits as i32)) { 0. } else { x })).join(" ")
 }
 
-/// The lines about what a mesh measures.
+/// The lines with the measurements of a mesh.
 fn measured(m: &MeshMeasures) -> String {
     let mut rows: Vec<(&str, String)> = Vec::new();
     let kinds = [(m.triangles, "triangle"), (m.quads, "quad"), (m.polygons, "larger polygon")];

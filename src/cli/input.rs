@@ -1,7 +1,7 @@
-//! The meshes that a command is given: files, folders, patterns, a pipe or standard input; and opening them.
+//! The meshes given to a command: files, folders, patterns, a pipe or standard input; and opening them.
 //!
-//! Standard input is spooled into the work directory, since a mesh is mapped. A lasting work
-//! directory keeps to its mesh.
+//! Standard input is copied into the work directory, since a mesh is mapped. A kept work directory is bound to its
+//! mesh.
 
 use super::made::is_output;
 use super::options::{CliError, ForceArgs};
@@ -17,10 +17,10 @@ use std::fs::File;
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 
-/// Endings of results, which are not taken from folders as meshes.
+/// Endings of results, which are not picked up as meshes in folders.
 const RESULTS: [&str; 2] = [".segmented.ply", ".sequenced.ply"];
 
-/// Opens the mesh at `path`, or that on standard input, and tells which it is. A work directory of another mesh is
+/// Opens the mesh at `path`, or on standard input, and returns its identity. A work directory of another mesh is
 /// refused without `force`, before anything in it changes, and emptied with it.
 pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
@@ -37,19 +37,19 @@ pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh
     Ok((open_file(path, work.path(), run)?, identity))
 }
 
-/// Opens the file at `path`; what has to be decoded goes to `folder`. Tells what is odd about it.
+/// Opens the file at `path`; decoded arrays go to `folder`. Notes oddities.
 pub fn open_file(path: &Path, folder: &Path, run: &Run) -> Result<mesh::Mesh, Error> {
     told(run, || mesh::open(path, folder, run))
 }
 
-/// What `open` opens, as a stage, with its oddities.
+/// Runs `open` as a stage, and notes oddities of the mesh.
 fn told(run: &Run, open: impl FnOnce() -> Result<mesh::Mesh, Error>) -> Result<mesh::Mesh, Error> {
     let (opened, _) = run.stage("read", "faces", 0, open)?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
     Ok(opened)
 }
 
-/// Refuses a mesh that is not there, before a folder is made on its behalf.
+/// Rejects a missing mesh, before a folder is created for it.
 pub fn check_there(path: &Path) -> Result<(), Error> {
     match std::fs::metadata(path) {
         Err(error) if path.as_os_str() != "-" => Err(Error::io(path, "open")(error)),
@@ -57,8 +57,8 @@ pub fn check_there(path: &Path) -> Result<(), Error> {
     }
 }
 
-/// The mesh that `source` streams, standard input or a pipe, which is spooled into the work directory. Which mesh it is
-/// shows only then, so it replaces the one that is there when it is admitted.
+/// The mesh streamed from `source`, standard input or a pipe, which is copied into the work directory. Its identity is
+/// known only then, so it replaces the existing one once it is admitted.
 fn piped(source: File, name: &str, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
     let (input, spooled) = (work.file(SPOOLED), work.file("input.tmp"));
@@ -79,13 +79,13 @@ fn named(path: &Path, endings: &[&str]) -> bool {
     endings.iter().any(|ending| name.ends_with(ending))
 }
 
-/// Whether the program has made `path`, by its name or by the record of a batch.
+/// Whether `path` is a result of this program, by its name or by the record of a batch.
 fn is_result(path: &Path) -> bool {
     named(path, &RESULTS) || is_output(path)
 }
 
-/// The meshes that `words` name, each once, in order: files, the meshes in folders, what patterns match. And whether
-/// they are treated as many.
+/// The meshes given by `words`, without duplicates, in order: files, the meshes in folders, matches of patterns. Also
+/// whether they are treated as a batch.
 pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
     let (mut all, mut many) = (Vec::new(), words.len() > 1);
     for word in words {
@@ -94,7 +94,7 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
             many = true;
             let entries = std::fs::read_dir(word).map_err(Error::io(word, "list"))?;
             let mut found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
-            // A link to nothing is named as what it is when its turn comes.
+            // A dangling link is reported when its turn comes.
             let is_file = |path: &Path| path.is_file() || path.is_symlink() && !path.exists();
             let is_hidden =
                 |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));

@@ -1,11 +1,11 @@
-//! What made an output of a batch, so that `--resume` skips results of the same mesh and options only.
+//! Records what made an output of a batch, so that `--resume` skips only results of the same mesh and options.
 //!
-//! Beside the outputs of a batch lies a folder `.nystrom-stream` with one small file per output: a key of the program's
-//! version, the mesh and the options, when the mesh had changed and a hash of all of it, and the size and time of the
-//! output as it was written. One file each, by rename, so several processes may write to one folder of outputs. An
-//! output without such a record, or that changed since, counts as made by something else.
+//! Beside the outputs of a batch is a folder `.nystrom-stream` with one small file per output: a key of the program's
+//! version, the mesh and the options, the modification time of the mesh and a hash of all of it, and the size and time
+//! of the output as written. One file per output, written by rename, so several processes may write to one folder of
+//! outputs. An output without such a record, or changed since, counts as made by something else.
 //!
-//! Cost: a mesh is read once more for its hash, after it was cut, and again only where its times are other ones.
+//! Cost: a mesh is read once more for its hash, after it was cut, and again only if its times differ.
 
 use super::output::Output;
 use super::sink::folder_of;
@@ -22,19 +22,19 @@ use xxhash_rust::xxh3::xxh3_64;
 /// The folder of records.
 pub const FOLDER: &str = ".nystrom-stream";
 
-/// What an output depends on: version, mesh and everything that was asked for.
+/// What an output depends on: version, mesh and all options.
 pub struct Maker {
     key: String,
     mesh: PathBuf,
-    /// The mesh before it was read.
+    /// Identity of the mesh before it was read.
     identity: Value,
-    /// A hash of all of it; none where it cannot be read.
+    /// A hash of all of it; `None` if it cannot be read.
     whole: OnceLock<Option<Value>>,
 }
 
 impl Maker {
-    /// Of the mesh at `path` as it is now, under `options`; nothing where it cannot be read. When and where the mesh
-    /// lies does not count.
+    /// For the mesh at `path` in its present state, with `options`; `None` if it cannot be read. Time and location of
+    /// the mesh do not count.
     pub fn new(path: &Path, options: &Value) -> Option<Self> {
         let identity = input::identity(path).ok()?;
         let all = json!([env!("CARGO_PKG_VERSION"), LABELS_VERSION, identity["bytes"], identity["ends"], options]);
@@ -48,17 +48,17 @@ impl Maker {
         self.whole.get_or_init(content).as_ref()
     }
 
-    /// Whether the mesh is the one that `record` tells of: the ends of it, which the key has, are not all of it.
+    /// Whether the mesh is the one in `record`: the key covers only its ends, so the full hash is compared.
     fn is_of(&self, record: &Value) -> bool {
         record["mesh"] == self.identity["changed"] || self.whole().is_some_and(|whole| record["whole"] == *whole)
     }
 
-    /// The record of `output` as it lies there now; nothing for one that is no file, or not whole.
+    /// The record of `output` in its present state; `None` if it is not a file, or incomplete.
     fn record(&self, output: &Output) -> Option<Value> {
         let last = output.last_file()?;
         let (mut bytes, mut changed) = state(&last)?;
         if output.form() == Form::Folder {
-            // The list is written last, but any of its files may be gone since.
+            // The list is written last, but any of its files may be missing by now.
             let list: Value = serde_json::from_slice(&std::fs::read(&last).ok()?).ok()?;
             for part in list["parts"].as_array()? {
                 let (more, time) = state(&output.target().join(part["file"].as_str()?))?;
@@ -69,7 +69,7 @@ impl Maker {
         Some(json!({"key": self.key, "bytes": bytes, "changed": changed}))
     }
 
-    /// Whether this made `output`, and nothing has changed it since.
+    /// Whether this made `output`, and it is unchanged.
     pub fn made(&self, output: &Output) -> bool {
         let kept = output.path().and_then(place).and_then(|path| std::fs::read(path).ok());
         let kept = kept.and_then(|text| serde_json::from_slice::<Value>(&text).ok());
@@ -78,15 +78,15 @@ impl Maker {
         kept.as_ref().zip(self.record(output)).is_some_and(same) && kept.as_ref().is_some_and(|kept| self.is_of(kept))
     }
 
-    /// Forgets what made `output`, before it is written anew.
+    /// Removes the record of `output`, before it is rewritten.
     pub fn forget(&self, output: &Output) {
         if let Some(path) = output.path().and_then(place) {
             let _ = std::fs::remove_file(path);
         }
     }
 
-    /// Records that this made `output`. Where the folder cannot be written to, or the mesh has changed meanwhile, the
-    /// next run makes it anew.
+    /// Records that this made `output`. If the folder is not writable, or the mesh has changed meanwhile, the next run
+    /// makes the output again.
     pub fn stamp(&self, output: &Output) {
         let Some(whole) = self.whole() else { return };
         let unchanged = input::identity(&self.mesh).is_ok_and(|identity| identity == self.identity);
@@ -95,24 +95,24 @@ impl Maker {
             && std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).is_ok()
         {
             (record["mesh"], record["whole"]) = (self.identity["changed"].clone(), whole.clone());
-            // It may be somebody else's, or take no names as long.
+            // The folder may belong to somebody else, or not support such long names.
             let _ = json::publish(&path, record.to_string().as_bytes());
         }
     }
 }
 
-/// Whether a batch has made the file `path`.
+/// Whether a batch made the file `path`.
 pub fn is_output(path: &Path) -> bool {
     place(path).is_some_and(|record| record.is_file())
 }
 
-/// Where the record of the output `path` lies.
+/// The path of the record for the output `path`.
 fn place(path: &Path) -> Option<PathBuf> {
     let name = path.file_name()?.to_string_lossy().into_owned() + ".json";
     Some(folder_of(path).join(FOLDER).join(name))
 }
 
-/// Size and time of the file `path`.
+/// Size and modification time of the file `path`.
 fn state(path: &Path) -> Option<(u64, String)> {
     let known = std::fs::metadata(path).ok()?;
     let changed = known.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_nanos().to_string();

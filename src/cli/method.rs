@@ -1,6 +1,6 @@
-//! Options of the method, in the groups that subcommands take, and how they become parameters.
+//! Options of the method, grouped by subcommand, and their conversion to parameters.
 //!
-//! An option that has no effect with the others is refused before any work.
+//! An option that has no effect in combination with the others is rejected before any work.
 
 use super::choices::choice;
 use super::options::{CliError, misfit};
@@ -12,7 +12,7 @@ use nystrom_stream::pipeline::{Boundaries, Cluster, SegmentParams, TinyComponent
 use nystrom_stream::spectral::embedding::KernelWidth;
 use nystrom_stream::spectral::{EmbeddingParams, Kernel, Normalisation};
 
-/// Bounds from "4..12".
+/// Parses bounds such as "4..12".
 fn parse_range(text: &str) -> Result<(usize, usize), String> {
     let wrong = || format!("{text:?} is not a range; write 4..12");
     let (low, high) = text.split_once("..").ok_or_else(wrong)?;
@@ -22,7 +22,7 @@ fn parse_range(text: &str) -> Result<(usize, usize), String> {
     }
 }
 
-/// Options of the edge weights, which several subcommands share.
+/// Options of the edge weights, shared by several subcommands.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Method")]
 pub struct MetricArgs {
@@ -41,7 +41,7 @@ pub struct MetricArgs {
 }
 
 impl MetricArgs {
-    /// The first option that was given, if any.
+    /// The first given option, if any.
     pub fn given(&self) -> Option<&'static str> {
         let weights = [(self.beta, "--beta"), (self.eta, "--eta"), (self.delta, "--delta")];
         let weight = weights.into_iter().find_map(|(value, option)| value.map(|_| option));
@@ -167,28 +167,28 @@ pub struct MethodArgs {
 }
 
 impl OrderArgs {
-    /// The order; `other` where none is asked for.
+    /// The order; `other` if not given.
     pub fn or(&self, other: Order) -> Order {
         self.order.unwrap_or(other)
     }
 }
 
 impl KernelArgs {
-    /// The first option that was given, if any.
+    /// The first given option, if any.
     fn given(&self) -> Option<&'static str> {
         let unit_rows = self.no_unit_rows.then_some("--no-unit-rows");
         let (kernel, sigma) = (self.kernel.map(|_| "--kernel"), self.sigma.map(|_| "--sigma"));
         kernel.or(sigma).or(self.normalise.map(|_| "--normalise")).or(unit_rows)
     }
 
-    /// The embedding in `dimensions` coordinates that was asked for, where options that were not given are those of
-    /// `kept`; nothing where none was given and none is kept.
+    /// The requested embedding in `dimensions` coordinates, where options not given are taken from `kept`; `None` if
+    /// none was given and none is kept.
     pub fn params(&self, dimensions: usize, kept: Option<EmbeddingParams>) -> Option<EmbeddingParams> {
         if self.given().is_none() && kept.is_none() {
             return None;
         }
         let normalisation = self.normalise.or(kept.map(|kept| kept.normalisation)).unwrap_or(Normalisation::Anchor);
-        // A width suits its normalisation.
+        // A kept width applies only to its own normalisation.
         let kept_width = kept.filter(|kept| kept.normalisation == normalisation).map(|kept| kept.width);
         let default = if normalisation == Normalisation::Anchor { 0.25 } else { 1. };
         Some(EmbeddingParams {
@@ -202,8 +202,8 @@ impl KernelArgs {
 }
 
 impl PartsArgs {
-    /// Sets what concerns clustering in `params`, where the options that were not given stay as they are: but for the
-    /// number of parts and the detail, which are those asked for here or the defaults.
+    /// Sets the clustering options in `params`; options not given stay unchanged, except for the number of parts and
+    /// the detail, which get their defaults.
     pub fn apply(&self, kernel: &KernelArgs, params: &mut SegmentParams) -> Result<(), CliError> {
         params.cluster = self.cluster.unwrap_or(params.cluster);
         if params.cluster == Cluster::Parts {
@@ -241,7 +241,7 @@ impl PartsArgs {
 }
 
 impl DistanceArgs {
-    /// Sets what concerns distances in `params`.
+    /// Sets the distance options in `params`.
     pub fn apply(&self, params: &mut SegmentParams) -> Result<(), CliError> {
         params.metric = self.metric.metric()?;
         params.landmarks = self.landmarks.map(|l| l as usize);
@@ -257,7 +257,7 @@ impl MethodArgs {
         let mut params = SegmentParams::default().order(self.order.or(Order::default()));
         self.parts.apply(&self.kernel, &mut params)?;
         self.distance.apply(&mut params)?;
-        // They need rows over all faces: reports and work directories are to say so.
+        // These boundaries need rows over all faces; reports and work directories must show that.
         params.exact |= params.boundaries == Boundaries::Embedding;
         Ok(params)
     }

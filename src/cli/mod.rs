@@ -1,5 +1,5 @@
-//! The command line: parses arguments into the parameters of the library, runs a subcommand, reports errors. The only
-//! user of clap and indicatif.
+//! The command line: parses arguments into library parameters, runs a subcommand, reports errors. The only user of clap
+//! and indicatif.
 
 mod batch;
 mod choices;
@@ -107,7 +107,7 @@ enum Command {
 }
 
 impl Command {
-    /// How to go on after an interrupt, if that is possible.
+    /// How to continue after an interrupt, if that is possible.
     fn goes_on(&self) -> Option<String> {
         let dir = match self {
             Self::Segment(args) if args.work_dir.is_none() => {
@@ -144,7 +144,7 @@ pub enum End {
 }
 
 impl End {
-    /// As an event tells it; of a signal also what a shell makes of it.
+    /// As fields of an event; for a signal, with a shell's exit code.
     fn facts(&self) -> Value {
         match self {
             Self::Code(code) => json!({"exit_code": code}),
@@ -152,7 +152,7 @@ impl End {
         }
     }
 
-    /// The exit code; where there is none, the program ends here.
+    /// The exit code; if it ends by a signal, the program ends here.
     pub fn code(self) -> ExitCode {
         match self {
             Self::Code(code) => ExitCode::from(code),
@@ -161,7 +161,7 @@ impl End {
     }
 }
 
-/// Parses the arguments and runs. `peak` tells the most bytes allocated so far.
+/// Parses the arguments and runs. `peak` returns the peak of allocated bytes so far.
 pub fn main(peak: fn() -> u64) -> End {
     nystrom_stream::store::mapped::report_vanishing_files();
     let parsed = command::parsed().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));

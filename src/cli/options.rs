@@ -1,4 +1,4 @@
-//! What subcommands share: their context, how they fail, the options of a run, and `--work-dir`.
+//! Shared by subcommands: their context, their errors, the options of a run, and `--work-dir`.
 
 use super::errors::message;
 use super::progress::{Bars, Style};
@@ -7,21 +7,21 @@ use nystrom_stream::base::{Cancel, Error, Progress, Result};
 use nystrom_stream::store::{Budget, Run, WorkDir};
 use std::path::{Path, PathBuf};
 
-/// What every subcommand gets.
+/// The context of every subcommand.
 pub struct AppContext {
     /// Set by a signal.
     pub cancel: Cancel,
-    /// The most bytes allocated so far.
+    /// The peak of allocated bytes so far.
     pub peak: fn() -> u64,
 }
 
 /// How a subcommand failed.
 pub enum CliError {
-    /// Exit code 1. What failed is told already; this is the sum of it, for those who follow events.
+    /// Exit code 1. The errors were already reported; this is a summary, for event listeners.
     Reported(String),
     /// Exit code 1.
     Failed(Error),
-    /// The command line makes no sense: exit code 2.
+    /// Invalid command line: exit code 2.
     Usage(String),
 }
 
@@ -34,7 +34,7 @@ impl From<Error> for CliError {
     }
 }
 
-/// Refuses an option that has an effect with `only` alone.
+/// The error for an option that has an effect only with `only`.
 pub fn misfit(option: &str, only: &str) -> CliError {
     CliError::Usage(format!("{option} goes with {only} only"))
 }
@@ -65,7 +65,7 @@ pub struct ForceArgs {
     pub force: bool,
 }
 
-/// Opens (or creates) the work directory at `path`; says so where nothing keeps other processes out.
+/// Opens (or creates) the work directory at `path`; notes if other processes cannot be kept out.
 pub fn open(path: &Path, run: &Run) -> Result<WorkDir> {
     let work = WorkDir::open(path)?;
     if !work.is_locked() {
@@ -75,7 +75,7 @@ pub fn open(path: &Path, run: &Run) -> Result<WorkDir> {
     Ok(work)
 }
 
-/// The one of two forms of an argument that was given; clap sees to it that one was.
+/// The given one of two forms of an argument; clap makes sure that one is given.
 pub fn either<'a>(positional: &'a Option<PathBuf>, option: &'a Option<PathBuf>) -> &'a Path {
     positional.as_deref().or(option.as_deref()).unwrap_or(Path::new(""))
 }
@@ -106,7 +106,7 @@ pub struct ResourceArgs {
 }
 
 impl ResourceArgs {
-    /// The context of a run in which nothing is random.
+    /// The context of a run without random choices.
     pub fn run<'a>(&self, progress: &'a dyn Progress, app: &AppContext) -> Run<'a> {
         let mut run = Run::new(progress);
         if let Some(threads) = self.threads {
@@ -133,7 +133,7 @@ pub struct ShownArgs {
 }
 
 impl ShownArgs {
-    /// The listener that --progress and --quiet ask for.
+    /// The listener selected by --progress and --quiet.
     pub fn bars(&self) -> Bars {
         Bars::new(match self.progress {
             _ if self.quiet => Style::Quiet,
@@ -155,8 +155,8 @@ pub struct ScratchArgs {
 }
 
 impl ScratchArgs {
-    /// The work directory `kept`; without one a temporary one, under `--tmp` or else `beside`, which holds arrays in
-    /// memory as far as the budget of `run` allows.
+    /// The work directory `kept`; if there is none, a temporary one, under `--tmp` or else `beside`, which keeps arrays
+    /// in memory as far as the budget of `run` allows.
     pub fn work(&self, kept: Option<&Path>, beside: impl FnOnce() -> PathBuf, run: &Run) -> Result<WorkDir> {
         match kept {
             Some(dir) => open(dir, run),
@@ -165,7 +165,7 @@ impl ScratchArgs {
     }
 }
 
-/// Options of a run in which something is random.
+/// Options of a run with random choices.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Running")]
 pub struct RunArgs {
@@ -179,7 +179,7 @@ pub struct RunArgs {
 }
 
 impl RunArgs {
-    /// The listener that --progress and --quiet ask for.
+    /// The listener selected by --progress and --quiet.
     pub fn bars(&self) -> Bars {
         self.shown.bars()
     }
@@ -190,7 +190,7 @@ impl RunArgs {
     }
 }
 
-/// Bytes from "2GiB", "512 MB", "1073741824".
+/// Parses sizes such as "2GiB", "512 MB", "1073741824".
 pub fn parse_size(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());

@@ -1,4 +1,4 @@
-//! Where results go: the ending of the name of an output chooses its format. JSON and text reports.
+//! Destinations of results: the file extension of an output selects its format. JSON and text reports.
 
 use super::choices::choice;
 use super::options::CliError;
@@ -16,9 +16,9 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Standard output, as it is named on the command line.
+/// The name of standard output on the command line.
 const STDOUT: &str = "-";
-/// Endings of mesh files, longer ones first.
+/// Extensions of mesh files, longer ones first.
 pub const ENDINGS: [&str; 8] = [".ply.gz", ".obj.gz", ".off.gz", ".stl.gz", ".ply", ".obj", ".off", ".stl"];
 
 /// Options of PLY outputs.
@@ -41,7 +41,7 @@ pub struct PlyArgs {
     pub split_faces: bool,
 }
 
-/// `--json`, in the one form that it has everywhere.
+/// `--json`, which is the same in all subcommands.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct JsonArgs {
     /// Write a report as JSON, to standard output or to FILE
@@ -55,14 +55,14 @@ impl JsonArgs {
         self.json.as_deref() == Some(Path::new("-"))
     }
 
-    /// Writes `report` with the seconds and the notes of the run, where it is asked for.
+    /// Writes `report` with the seconds and the notes of the run, if requested.
     pub fn publish_with(&self, mut report: Value, told: &Told) -> Result<()> {
         report["seconds"] = json!(told.seconds());
         report["notes"] = json!(told.notes());
         self.publish(&report)
     }
 
-    /// Writes `report` where it is asked for.
+    /// Writes `report` if requested.
     pub fn publish(&self, report: &impl serde::Serialize) -> Result<()> {
         let Some(target) = &self.json else { return Ok(()) };
         let text = serde_json::to_string_pretty(report).map_err(|error| {
@@ -71,7 +71,7 @@ impl JsonArgs {
         Sink::of(target).write(&(text + "\n"))
     }
 
-    /// Prints `text`, unless JSON goes to standard output, and writes `report` where it is asked for.
+    /// Prints `text`, unless JSON goes to standard output, and writes `report` if requested.
     pub fn publish_or_print(&self, report: &impl serde::Serialize, text: &str) -> Result<()> {
         if !self.to_stdout() {
             print(printable::lines(text).as_bytes())?;
@@ -106,7 +106,7 @@ pub struct FormArgs {
 }
 
 impl PlyArgs {
-    /// Refuses options that none of `outputs` would follow.
+    /// Rejects options that apply to none of `outputs`.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         let is_file = |output: &Output| output.form == Form::Ply;
         if self.split_faces && !outputs.iter().any(is_file) {
@@ -133,7 +133,7 @@ impl From<PlyArgs> for FormArgs {
 }
 
 impl FormArgs {
-    /// As the library takes them for `mesh`, whose text or bytes its PLY files may have.
+    /// In the form that the library takes for `mesh`, whose encoding its PLY files may have.
     pub fn options(self, mesh: Option<&Mesh>) -> SaveOptions {
         let is_text = match self.ply.ply_form {
             PlyForm::Same => mesh.and_then(Mesh::document).is_some_and(Document::is_text),
@@ -149,7 +149,7 @@ impl FormArgs {
         ply.split_vertices(split_vertices).split_faces(split_faces).part_form(part_form).cap(self.cap)
     }
 
-    /// Refuses options that none of `outputs` would follow.
+    /// Rejects options that apply to none of `outputs`.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         self.ply.check(outputs)?;
         let folder = outputs.iter().any(|output| output.form == Form::Folder);
@@ -169,7 +169,7 @@ impl FormArgs {
     }
 }
 
-/// An output and its form.
+/// An output and its format.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Output {
     form: Form,
@@ -187,7 +187,7 @@ impl std::fmt::Display for Output {
 }
 
 impl Output {
-    /// The output that `path` names.
+    /// The output named by `path`.
     pub fn of(path: &Path) -> Result<Self, CliError> {
         if path == Path::new(STDOUT) {
             return Ok(Self::stdout());
@@ -211,7 +211,7 @@ impl Output {
         Self { form: Form::Ply, target: STDOUT.into() }
     }
 
-    /// The name of `mesh` without folder and ending.
+    /// The name of `mesh` without folder and extension.
     pub fn stem(mesh: &Path) -> String {
         let name = mesh.file_name().unwrap_or_default().to_string_lossy();
         let lower = name.to_ascii_lowercase();
@@ -224,27 +224,27 @@ impl Output {
         Self { form: Form::Ply, target: mesh.with_file_name(format!("{}.segmented.ply", Self::stem(mesh))) }
     }
 
-    /// What it is written as.
+    /// Its format.
     pub fn form(&self) -> Form {
         self.form
     }
 
-    /// As it is named on the command line: the file or folder, or `-`.
+    /// Its name on the command line: the file or folder, or `-`.
     pub fn target(&self) -> &Path {
         &self.target
     }
 
-    /// The file, or folder, if it is one.
+    /// The file or folder, unless it is standard output.
     pub fn path(&self) -> Option<&Path> {
         (self.target != Path::new(STDOUT)).then_some(&self.target)
     }
 
-    /// The file that is written last, if it is one.
+    /// The file that is written last, unless it is standard output.
     pub fn last_file(&self) -> Option<PathBuf> {
         self.path().map(|path| if self.form == Form::Folder { path.join(split::LIST) } else { path.into() })
     }
 
-    /// Refuses an output that cannot be written, before any work.
+    /// Rejects an output that cannot be written, before any work.
     pub fn check(&self) -> Result<()> {
         Sink::of(&self.target).check()
     }
@@ -254,7 +254,7 @@ impl Output {
         !self.form.is_labels_alone()
     }
 
-    /// Whether it holds the names of parts.
+    /// Whether it contains the names of parts.
     pub fn holds_names(&self) -> bool {
         !self.form.is_labels_alone()
     }
@@ -265,7 +265,7 @@ impl Output {
     }
 }
 
-/// The outputs that `paths` name, each once.
+/// The outputs named by `paths`, without duplicates.
 pub fn outputs_of(paths: &[PathBuf]) -> Result<Vec<Output>, CliError> {
     let mut outputs: Vec<Output> = Vec::with_capacity(paths.len());
     for path in paths {
@@ -278,13 +278,13 @@ pub fn outputs_of(paths: &[PathBuf]) -> Result<Vec<Output>, CliError> {
     Ok(outputs)
 }
 
-/// Where scratch files go by default: beside the first file among `outputs`, or among the system's temporary files.
+/// The default folder for scratch files: beside the first file among `outputs`, or the system's temporary folder.
 pub fn scratch_folder(outputs: &[Output]) -> PathBuf {
     outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of)
 }
 
-/// Refuses `files`, inputs as well as outputs, that a folder of parts among `outputs` would replace, or that would
-/// replace one of its own.
+/// Rejects `files`, both inputs and outputs, that a folder of parts among `outputs` would overwrite, or that would
+/// overwrite one of its own.
 pub fn check_folders<'a>(
     outputs: impl IntoIterator<Item = &'a Output>,
     files: impl IntoIterator<Item = &'a PathBuf>,
@@ -304,14 +304,14 @@ pub fn check_folders<'a>(
     }
 }
 
-/// What a command ends with: how many `faces` are in how many `parts`, how long it took, and where they went.
+/// The last line of a command: how many `faces` are in how many `parts`, the time it took, and the outputs.
 pub fn ending(faces: &str, parts: usize, start: Instant, outputs: &[Output]) -> String {
     let outputs: Vec<String> = outputs.iter().map(Output::to_string).collect();
     let (parts, seconds) = (counted(parts, "part"), start.elapsed().as_secs_f64());
     format!("{faces} in {parts} in {seconds:.2} s, written to {}", outputs.join(", "))
 }
 
-/// Refuses a table of names where neither one of `outputs` nor `json` would hold them.
+/// Rejects a table of names if neither any of `outputs` nor `json` would contain them.
 pub fn check_names(names: Option<&Path>, outputs: &[Output], json: &JsonArgs) -> Result<(), CliError> {
     if names.is_some() && json.json.is_none() && !outputs.iter().any(Output::holds_names) {
         let text = "--names goes with --json or an output that holds names: any but .seg and .npy";
@@ -320,8 +320,8 @@ pub fn check_names(names: Option<&Path>, outputs: &[Output], json: &JsonArgs) ->
     Ok(())
 }
 
-/// A number with as many significant digits as the precision says; without an exponent where it
-/// is neither huge nor tiny.
+/// A number with as many significant digits as the precision; without an exponent unless it is very large or very
+/// small.
 pub struct Significant(pub f64);
 
 impl std::fmt::Display for Significant {
@@ -336,7 +336,7 @@ impl std::fmt::Display for Significant {
     }
 }
 
-/// Refuses charts of an unknown form before any work.
+/// Rejects charts in an unknown format before any work.
 pub fn check_charts(option: &str, paths: &[PathBuf]) -> Result<(), CliError> {
     match paths.iter().find(|path| !["svg", "png"].iter().any(|ending| ends_with(path, ending))) {
         Some(path) => Err(CliError::Usage(format!("{option} {}: no chart; end it with .svg or .png", path.display()))),

@@ -54,7 +54,7 @@ pub struct PictureArgs {
     pub scratch: ScratchArgs,
 }
 
-/// Width and height from "1600x1200".
+/// Parses width and height such as "1600x1200".
 fn parse_dimensions(text: &str) -> Result<(usize, usize), String> {
     let numbers = text.split_once(['x', 'X', '×']).map(|(width, height)| (width.trim().parse(), height.trim().parse()));
     match numbers {
@@ -114,8 +114,8 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(())
 }
 
-/// The labels of `mesh` in the file `given`, whose ending is misuse if it is another than .seg and .npy, or those of
-/// its own file; none where it has none.
+/// The labels of `mesh` in the file `given`, or in the mesh's own file; `None` if there are none. An extension other
+/// than .seg and .npy is a usage error.
 pub(super) fn labelled(
     mesh: &Mesh,
     given: Option<&Path>,

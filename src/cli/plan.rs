@@ -40,24 +40,24 @@ pub struct PlanArgs {
     pub scratch: ScratchArgs,
 }
 
-/// Bytes that the page cache may use while a run allocates what is planned.
+/// Bytes available to the page cache while a run allocates what is planned.
 fn page_cache(plan: &Plan) -> Option<u64> {
     Some(Budget::machine_limit()?.saturating_sub(plan.memory))
 }
 
-/// The warning for a budget that makes a run slow, if there is one.
+/// A warning if the budget makes the run slow.
 fn warning(plan: &Plan) -> Option<String> {
     plan.warning(page_cache(plan)?)
 }
 
-/// Refuses a run that the disk under `work` cannot hold and warns of one that will be slow.
+/// Rejects a run that does not fit on the disk under `work`, and warns of one that will be slow.
 pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Result<()> {
     let Ok(size) = size_of_mesh(path) else {
-        // Reading the mesh will say what is wrong with it.
+        // Reading the mesh will report the problem.
         return Ok(());
     };
     if size.strips {
-        // Fewer faces than the file could hold may fit.
+        // The file size gives only an upper bound on the faces, and fewer may fit.
         return Ok(());
     }
     let plan = Plan::new(size, params, false, context.work.durable(), context.run);
@@ -85,7 +85,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     params.check_for(&args.mesh, size.faces)?;
     params.check_memory(size.faces, &run)?;
     let folder = args.work_dir.clone().or(args.scratch.tmp.clone()).unwrap_or_else(|| scratch_beside(&args.mesh));
-    // A work directory may not be there yet; its disk is that of the nearest folder that is.
+    // A work directory may not exist yet; its disk is that of the nearest existing folder above it.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
     let measured = calibrate(&params, plan.landmarks, size.faces, &folder, &run)?;
     let pace = |of: &BTreeMap<String, Pace>, stage: &str| of.get(stage).copied().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! `plot`: charts of what a run found, from its work directory, its report, or a hierarchy of parts.
+//! `plot`: charts of a run's results, from its work directory, its report, or a hierarchy of parts.
 
 use super::options::{CliError, either};
 use super::output::check_charts;
@@ -45,12 +45,12 @@ fn parse_detail(text: &str) -> Result<f64, String> {
     if (-1. ..=1.).contains(&detail) { Ok(detail) } else { Err("choose from -1 to 1".into()) }
 }
 
-/// What there is to draw.
+/// The data to draw.
 struct Found {
     name: String,
     eigenvalues: Result<Eigenvalues>,
     tree: Result<PartTree>,
-    /// The cut that was made, and its colours.
+    /// The existing cut, and its colours.
     made: Option<(PartsParams, Vec<[u8; 3]>)>,
 }
 
@@ -59,7 +59,7 @@ impl Found {
         let work = WorkDir::open_existing(path)?;
         let record = Record::read(&work)?;
         let made = match (recipe::requested_parts(&work), Labels::read(&work)) {
-            // Corrections number parts anew.
+            // Corrections renumber parts.
             (Some(params), Ok(labels)) if !labels.corrected => Some((params, labels.colours())),
             _ => None,
         };
@@ -96,7 +96,7 @@ impl Found {
     }
 }
 
-/// Colours of the parts of a cut, unlike where they touch.
+/// Colours of the parts of a cut, different for adjacent parts.
 fn colours_of(tree: &PartTree, cut: &TreeCut) -> Vec<[u8; 3]> {
     let of = |cell: u32| cut.label[cell as usize];
     let touching = tree.pairs.iter().zip(&tree.length).filter(|(pair, _)| of(pair[0]) != of(pair[1]));
@@ -131,7 +131,7 @@ pub fn run(args: &PlotArgs) -> Result<(), CliError> {
         // A mesh may be cut into more parts than its hierarchy has cells.
         let count = if args.parts.is_some() { params.count } else { params.count.at_most(tree.cells()) };
         let cut = tree.cut_for(count, params.detail)?;
-        // Colours of labels that came of another hierarchy are those of other parts.
+        // Colours of labels from another hierarchy belong to other parts.
         let known = known.filter(|colours| colours.len() >= cut.parts);
         let colours = known.unwrap_or_else(|| colours_of(&tree, &cut));
         let threshold = detail_threshold(params.detail);

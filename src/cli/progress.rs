@@ -1,9 +1,9 @@
 //! Progress on standard error: one bar per stage on a terminal, one line per stage otherwise (and one every ten seconds
-//! while a stage runs), JSON events or nothing on request. Of several meshes: one bar in all and one per running mesh,
-//! or one line per mesh. No colours, so `NO_COLOR` holds.
+//! while a stage runs), JSON events or nothing on request. For several meshes: one overall bar and one per running
+//! mesh, or one line per mesh. No colours, so `NO_COLOR` is respected.
 //!
-//! The library names stages by short words, which are keys of reports and JSON events too; people are shown
-//! the words of [`STAGES`].
+//! The library names stages by short words, which are also keys of reports and JSON events; people see the words in
+//! [`STAGES`].
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use nystrom_stream::base::{Progress, Told, printable};
@@ -14,12 +14,12 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Least time between two JSON events of a stage.
+/// Minimum time between two JSON events of a stage.
 const EVENT: Duration = Duration::from_millis(100);
-/// Time after which a stage that is still running gets a line, where there are no bars.
+/// Interval of lines for a stage that is still running, if there are no bars.
 const STILL: Duration = Duration::from_secs(10);
 
-/// Stages of the library and what they are called to people.
+/// Stages of the library and their names for people.
 const STAGES: [(&str, &str); 27] = [
     ("alignment", "alignment"),
     ("assign", "assigning faces"),
@@ -50,12 +50,12 @@ const STAGES: [(&str, &str); 27] = [
     ("write", "writing"),
 ];
 
-/// What `stage` is called to people.
+/// The name of `stage` for people.
 pub fn words(stage: &str) -> &str {
     STAGES.iter().find(|(name, _)| *name == stage).map_or(stage, |(_, words)| words)
 }
 
-/// What units are called to people.
+/// The name of a unit for people.
 fn unit_words(unit: &str) -> &str {
     match unit {
         "guesses" => "alignments",
@@ -86,7 +86,7 @@ impl Style {
 /// The listener of a run.
 pub struct Bars {
     style: Style,
-    /// The mesh of a batch that this listener is of, with its bar.
+    /// The mesh of a batch, with its bar, for which this listens.
     mesh: Option<(String, ProgressBar)>,
     told: Told,
     state: Mutex<State>,
@@ -117,7 +117,7 @@ impl Stage {
     }
 }
 
-/// 1234567 as 1.23 M.
+/// Formats 1234567 as 1.23 M.
 pub fn human(x: f64) -> String {
     match x {
         x if x >= 1e9 => format!("{:.2} G", x / 1e9),
@@ -127,12 +127,12 @@ pub fn human(x: f64) -> String {
     }
 }
 
-/// 1 part, 2 parts.
+/// Formats 1 part, 2 parts.
 pub fn counted(count: usize, word: &str) -> String {
     format!("{count} {word}{}", if count == 1 { "" } else { "s" })
 }
 
-/// A bar of `total` units (0: unknown) in the look of `template`.
+/// A bar of `total` units (0: unknown) with the given `template`.
 fn bar(target: ProgressDrawTarget, total: u64, template: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target((total > 0).then_some(total), target);
     if let Ok(style) = ProgressStyle::with_template(template) {
@@ -141,12 +141,12 @@ fn bar(target: ProgressDrawTarget, total: u64, template: &str) -> ProgressBar {
     bar
 }
 
-/// Prints text on standard error, whatever names are in it; that it cannot be written is no failure.
+/// Prints text on standard error, made safe for terminals; a failure to write is ignored.
 pub fn tell(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", printable::lines(text));
 }
 
-/// Tells an error in the manner of `style`: a line of text, or an event with the `file` concerned and what else it
+/// Reports an error in the given `style`: a line of text, or an event with the `file` concerned and the further fields
 /// `has`.
 pub fn tell_error(style: Style, text: &str, file: Option<&Path>, has: Value) {
     if style != Style::Json {
@@ -162,7 +162,7 @@ pub fn tell_error(style: Style, text: &str, file: Option<&Path>, has: Value) {
     tell_json(&event);
 }
 
-/// Prints a line of JSON, which has escapes of its own.
+/// Prints a line of JSON, which escapes control characters itself.
 fn tell_json(event: &Value) {
     let _ = writeln!(std::io::stderr(), "{event}");
 }
@@ -173,7 +173,7 @@ impl Bars {
         Self { style, mesh: None, told: Told::default(), state: Mutex::default() }
     }
 
-    /// How it tells.
+    /// Its style.
     pub fn style(&self) -> Style {
         self.style
     }
@@ -182,12 +182,12 @@ impl Bars {
         self.state.lock().unwrap_or_else(|poison| poison.into_inner())
     }
 
-    /// What was told so far, whether or not it was shown.
+    /// The seconds and notes so far, whether or not they were shown.
     pub fn told(&self) -> &Told {
         &self.told
     }
 
-    /// A line of its own among the bars.
+    /// Prints a separate line above the bars.
     fn say(&self, text: &str) {
         match (&self.mesh, self.state().bars.values().next()) {
             (Some((_, bar)), _) | (None, Some(bar)) => bar.suspend(|| tell(text)),
@@ -295,7 +295,7 @@ impl Progress for Bars {
     }
 
     fn note_of_work(&self, text: &str) {
-        // Notes about a stage begin with its name.
+        // Notes about a stage start with its name.
         let in_words = text.split_once(": ").map(|(stage, rest)| format!("{}: {rest}", words(stage)));
         let text = match self.style {
             Style::Json => text,
@@ -305,9 +305,9 @@ impl Progress for Bars {
         match (self.style, &self.mesh) {
             (Style::Quiet, _) => {}
             (Style::Json, _) => self.event(json!({"note": text})),
-            // Of several meshes, what is reused is not told.
+            // For several meshes, reused stages are not reported.
             (_, Some(_)) if text.ends_with(": reused") => {}
-            // Most notes about a file begin with its name.
+            // Most notes about a file already start with its name.
             (_, Some((mesh, _))) if text.starts_with(&*printable::line(mesh)) => self.say(text),
             (_, Some((mesh, _))) => self.say(&format!("{}: {text}", printable::line(mesh))),
             (_, None) => self.say(text),
@@ -315,7 +315,7 @@ impl Progress for Bars {
     }
 }
 
-/// The listener of a batch: one bar in all; its meshes have listeners of their own.
+/// The listener of a batch: one overall bar; its meshes have their own listeners.
 pub struct BatchBars {
     style: Style,
     multi: MultiProgress,
@@ -346,7 +346,7 @@ impl BatchBars {
         Bars { mesh: Some((name.to_string(), mesh)), ..Bars::new(self.style) }
     }
 
-    /// A mesh is done: `line` says how it went.
+    /// A mesh is finished; `line` describes the result.
     pub fn end(&self, bars: &Bars, line: &str) {
         if let Some((_, bar)) = &bars.mesh {
             bar.finish_and_clear();
@@ -365,18 +365,18 @@ impl BatchBars {
         }
     }
 
-    /// Says `text` whatever the style.
+    /// Prints `text` whatever the style.
     pub fn say(&self, text: &str) {
         self.multi.suspend(|| tell(text));
     }
 
-    /// Says why `mesh` failed: `text`, about `file`.
+    /// Reports why `mesh` failed: `text`, about `file`.
     pub fn complain(&self, mesh: &Path, text: &str, file: Option<&Path>) {
         let has = json!({"mesh": mesh.to_string_lossy()});
         self.multi.suspend(|| tell_error(self.style, text, file, has));
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn finish(&self) {
         self.all.finish_and_clear();
     }

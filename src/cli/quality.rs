@@ -1,4 +1,5 @@
-//! `quality` and `study`: how good samples are, by the paper's Γ and by other measures, on meshes and on random points.
+//! `quality` and `study`: the quality of samples, by the paper's Γ and by other measures, on meshes and on random
+//! points.
 
 use super::choices::{choice, name_of};
 use super::input::open_file;
@@ -21,10 +22,10 @@ use serde_json::json;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Faces up to which `--exact` holds all distances.
+/// Maximum number of faces for `--exact`, which stores all distances.
 const MOST: usize = 5000;
 
-/// Seeds that are compared.
+/// Default number of seeds to compare.
 const SEEDS: u32 = 5;
 
 /// Arguments of `quality`.
@@ -90,7 +91,7 @@ pub struct QualityArgs {
     pub scratch: ScratchArgs,
 }
 
-/// What is asked for, checked.
+/// The checked parameters.
 fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
     check_charts("--plot", &args.plot)?;
     if !args.plot.is_empty() && !args.compare {
@@ -137,7 +138,7 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
         .schur(args.exact && !args.compare))
 }
 
-/// What `meshes` are called in records: by their names without ending, or by their paths where several have one name,
+/// The names of `meshes` in records: their file names without extension, or their paths if several have the same name,
 /// since samples of the same mesh are compared with each other.
 fn names(meshes: &[PathBuf]) -> Vec<String> {
     let stem = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -179,7 +180,7 @@ pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Prints, writes and draws.
+/// Prints, writes and draws the results.
 fn tell(records: &[SampleRecord], args: &QualityArgs, run: &Run) -> Result<()> {
     let lines = summary(records);
     let text = match records {
@@ -200,7 +201,7 @@ fn tell(records: &[SampleRecord], args: &QualityArgs, run: &Run) -> Result<()> {
     args.json.publish_or_print(&json, &text)
 }
 
-/// Prints the errors of embeddings, means over meshes.
+/// Prints the errors of embeddings, averaged over meshes.
 fn tell_errors(errors: &[Vec<EmbeddingError>], args: &QualityArgs) -> Result<()> {
     let mut text = format!("{:>5} {:>16} {:>16} {:>16} {:>9}\n", "l", "plain", "orthogonalised", "by area", "negative");
     let sizes = errors.first().map_or(0, Vec::len);
@@ -209,7 +210,7 @@ fn tell_errors(errors: &[Vec<EmbeddingError>], args: &QualityArgs) -> Result<()>
             let all: Vec<f64> = errors.iter().map(|mesh| value(&mesh[k])).collect();
             Spread::of(&all).unwrap_or_default()
         };
-        // Fewer where a mesh has fewer nodes.
+        // Fewer if a mesh has fewer nodes.
         let numbers = || errors.iter().map(|mesh| mesh[k].l);
         let l = match (numbers().min(), numbers().max()) {
             (Some(least), Some(most)) if least < most => format!("{least}-{most}"),

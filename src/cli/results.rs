@@ -1,4 +1,4 @@
-//! What outputs are written from: the labels of a mesh, and what tables and pages tell beside them.
+//! The sources of outputs: the labels of a mesh, and additional data for tables and pages.
 
 use super::output::{FormArgs, Output};
 use super::sink::folder_of;
@@ -25,28 +25,28 @@ pub struct Results<'a> {
     pub labelling: Labelling<'a>,
     /// Options of outputs.
     pub form: FormArgs,
-    /// For tables, if asked for.
+    /// For tables, if requested.
     pub embedding: Option<Coordinates<'a>>,
-    /// For tables of parts: the share of people who are expected to have each, where that is known.
+    /// For tables of parts: the share of people expected to have each, if known.
     pub agreement: &'a [f64],
     /// For pages: the run's report.
     pub report: Value,
     /// For pages: other numbers of parts.
     pub cuts: Option<&'a KeptCuts>,
-    /// For pages: the part of each cell, where it is known.
+    /// For pages: the part of each cell, if known.
     pub cell_labels: &'a [u32],
-    /// For pages: the edits that the labels are of.
+    /// For pages: the edits that produced the labels.
     pub edits: Option<&'a Edits>,
 }
 
 impl<'a> Results<'a> {
-    /// Labels alone.
+    /// Only labels.
     pub fn new(labelling: Labelling<'a>, form: FormArgs) -> Self {
         let (embedding, agreement, report, cell_labels) = (None, &[][..], Value::Null, &[][..]);
         Self { labelling, form, embedding, agreement, report, cuts: None, cell_labels, edits: None }
     }
 
-    /// Writes all `outputs` as a stage; the mesh must be there where one of them [needs it](Output::needs_mesh).
+    /// Writes all `outputs` as a stage; the mesh must be given if one of them [needs it](Output::needs_mesh).
     pub fn write(&self, outputs: &[Output], mesh: Option<&Mesh>, run: &Run) -> Result<()> {
         let each = || outputs.iter().try_for_each(|output| self.write_one(output, mesh, run));
         run.stage("write", "faces", self.labelling.labels.len() as u64, each).map(drop)
@@ -87,28 +87,28 @@ impl<'a> Results<'a> {
     }
 }
 
-/// A mesh that is cut, in a work directory that has kept what tables and pages tell beside its labels.
+/// A segmented mesh, in a work directory that has the additional data for tables and pages.
 pub struct Cut<'a> {
     /// Labels, colours, qualities.
     pub labelling: Labelling<'a>,
-    /// How it was cut.
+    /// The options of the cut.
     pub params: &'a SegmentParams,
-    /// The hierarchy that was cut, where it is not the one of the work directory.
+    /// The hierarchy that was cut, if it is not the one of the work directory.
     pub tree: Option<&'a PartTree>,
-    /// The share of people who are expected to have each part, where that is known.
+    /// The share of people expected to have each part, if known.
     pub agreement: &'a [f64],
-    /// The part of each cell, where it is known.
+    /// The part of each cell, if known.
     pub cell_labels: &'a [u32],
-    /// The edits that the labels are of.
+    /// The edits that produced the labels.
     pub edits: Option<&'a Edits>,
-    /// The work directory, which is only read unless an embedding is to be made.
+    /// The work directory, which is only read unless an embedding has to be computed.
     pub work: &'a WorkDir,
 }
 
 impl Cut<'_> {
-    /// Writes all `outputs`, pages with the `report`; the mesh must be there where one of them
-    /// [needs it](Output::needs_mesh). What is only needed for writing goes to the work directory of `context`, which
-    /// may be another.
+    /// Writes all `outputs`, pages with the `report`; the mesh must be given if one of them [needs
+    /// it](Output::needs_mesh). Data needed only for writing go to the work directory of `context`, which may be
+    /// another one.
     pub fn write(
         &self,
         outputs: &[Output],
@@ -132,9 +132,9 @@ impl Cut<'_> {
     }
 }
 
-/// The embedding of the `faces` faces of the mesh in the work directory, and its dimensions: the one that was asked for
-/// to cluster in, else as `embed` made it. Made now where there is none of the rows that are there, with the options
-/// of the one before or those of its default.
+/// The embedding of the mesh's `faces` faces in the work directory, and its dimensions: the one used for clustering,
+/// else the one from `embed`. It is computed now if there is none for the current rows, with the options of the
+/// previous one or the defaults.
 fn embedding(
     method: &SegmentParams,
     faces: usize,
@@ -156,7 +156,7 @@ fn embedding(
     Ok((coordinates, facts.dimensions))
 }
 
-/// What `measure` finds without telling of its stages; the graph that says which faces touch goes beside `path`.
+/// The result of `measure`, without reporting its stages; the adjacency graph is stored beside `path`.
 pub fn measured<R>(path: &Path, run: &Run, measure: impl FnOnce(Context<'_>) -> Result<R>) -> Result<R> {
     let work = WorkDir::temporary(&folder_of(path))?.holding(&run.budget);
     let silent = Run { threads: run.threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..Run::new(&()) };

@@ -1,4 +1,4 @@
-//! `segment` on one mesh: its options, and how the mesh is cut and its outputs are written.
+//! `segment` on one mesh: its options, the cut, and the outputs.
 
 use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
 use super::input::{check_there, read};
@@ -80,13 +80,13 @@ pub struct SegmentArgs {
 }
 
 impl SegmentArgs {
-    /// Whether an option for many meshes is given.
+    /// Whether a batch option is given.
     pub fn is_batch(&self) -> bool {
         self.jobs > 1 || self.resume || self.json_lines.is_some()
     }
 }
 
-/// A mesh and where its results go.
+/// A mesh and its outputs.
 pub struct Job {
     /// The mesh; `-` is standard input.
     pub mesh: PathBuf,
@@ -95,7 +95,8 @@ pub struct Job {
 }
 
 impl Job {
-    /// The job of `mesh`; without `outputs` the result goes beside it, or from standard input to standard output.
+    /// The job of `mesh`; without `outputs` the result goes beside it, or to standard output if the mesh is standard
+    /// input.
     pub fn of(mesh: PathBuf, mut outputs: Vec<Output>) -> Self {
         if outputs.is_empty() {
             outputs.push(if mesh.as_os_str() == "-" { Output::stdout() } else { Output::beside(&mesh) });
@@ -110,12 +111,12 @@ impl Job {
         self.outputs.iter().all(|output| output.last_file().and_then(changed).is_some_and(|time| time >= mesh))
     }
 
-    /// What the outputs are made by; nothing where the mesh cannot be read.
+    /// The maker of the outputs; `None` if the mesh cannot be read.
     pub fn maker(&self, options: &Value) -> Option<Maker> {
         Maker::new(&self.mesh, options)
     }
 
-    /// Whether `maker` made all outputs, after the mesh was last changed.
+    /// Whether `maker` made all outputs, after the last change of the mesh.
     pub fn is_done(&self, maker: Option<&Maker>, progress: &Bars) -> bool {
         let newer = self.is_newer();
         let done = newer && maker.is_some_and(|maker| self.outputs.iter().all(|output| maker.made(output)));
@@ -143,20 +144,20 @@ impl Job {
     }
 }
 
-/// What is done with each mesh.
+/// The task for each mesh.
 #[derive(Clone, Copy)]
 pub struct Task<'a> {
     /// The arguments.
     pub args: &'a SegmentArgs,
     /// Their parameters.
     pub params: &'a SegmentParams,
-    /// The edits that they name.
+    /// The edits.
     pub edits: Option<&'a Edits>,
-    /// The mesh that they are to be cut like.
+    /// The mesh whose parts it is to get.
     pub like: Option<&'a Like>,
 }
 
-/// Why a person should look at parts that were carried over.
+/// Why a person should check parts that were transferred.
 fn doubts(facts: &LikeFacts) -> String {
     let way = if facts.way == Way::Place { "nearest faces" } else { "matched shapes" };
     let mut text = format!("parts from {way}, confidence {:.2}", facts.confidence);

@@ -1,4 +1,4 @@
-//! `sequence`: an order to stream a mesh in.
+//! `sequence`: orders a mesh for streaming.
 
 use super::choices::choice;
 use super::input::{check_there, read};
@@ -58,13 +58,13 @@ pub struct SequenceArgs {
 }
 
 impl SequenceArgs {
-    /// The order of outputs.
+    /// The order for outputs.
     fn order(&self) -> SequenceOrder {
         self.order.unwrap_or(SequenceOrder::Spectral)
     }
 }
 
-/// A form of output.
+/// An output by format.
 enum Target {
     Ply(PathBuf),
     Npy(PathBuf),
@@ -86,7 +86,7 @@ impl Target {
         }
     }
 
-    /// As it is named on the command line.
+    /// Its name on the command line.
     fn path(&self) -> PathBuf {
         match self {
             Self::Ply(path) | Self::Npy(path) | Self::Png(path) => path.clone(),
@@ -95,7 +95,7 @@ impl Target {
     }
 }
 
-/// Refuses combinations that make no sense, before any work.
+/// Rejects invalid combinations, before any work.
 fn check(args: &SequenceArgs) -> Result<Vec<Target>, CliError> {
     let misused = |text: &str| Err(CliError::Usage(text.into()));
     let spectral = args.order() == SequenceOrder::Spectral || args.compare;
@@ -174,7 +174,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Measures every order, those of sweeps too where there are any, and the exact one of a small mesh.
+/// Measures every order, with sweeps too if requested, and the exact one of a small mesh.
 fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<ComparedOrder>, CliError> {
     let mut compared = Vec::new();
     if let Some(exact) = sequencer.exact(params)? {

@@ -1,9 +1,9 @@
 //! What ends a run: an interrupt, a request to terminate, or a terminal that goes away.
 //!
-//! The first signal lets files be closed and temporary folders go, a second one ends at once. Both end the program by
-//! the signal itself rather than by an exit code, so that whoever started it sees why: a shell leaves its loop after
-//! Ctrl-C only if the command died of it. A signal that whoever started the program has it ignore stays ignored: the
-//! terminal's under `nohup`, the interrupts of a script's background jobs.
+//! After the first signal, files are closed and temporary folders removed; a second one ends the program at once. Both
+//! end it by the signal itself rather than by an exit code, so that the parent process sees the cause: a shell leaves
+//! its loop after Ctrl-C only if the command died of it. A signal that the parent has set to be ignored stays ignored:
+//! the terminal's under `nohup`, interrupts in background jobs of a script.
 
 use nystrom_stream::base::Cancel;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -12,12 +12,12 @@ use signal_hook::low_level::emulate_default_handler;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
 
-/// The signal that has asked the run to end.
+/// The signal that requested the end of the run.
 pub struct Heard(Arc<AtomicI32>);
 
 impl Heard {
-    /// The signal that ends the program after a run that was `done` or not. What is done has an exit code of its own,
-    /// but Ctrl-C is meant for the shell's loop as well.
+    /// The signal that ends the program after a run that was `done` or not. A finished run has its own exit code, but
+    /// Ctrl-C is also meant for the shell's loop.
     pub fn ending(&self, done: bool) -> Option<i32> {
         match self.0.load(Ordering::SeqCst) {
             0 => None,
@@ -27,14 +27,14 @@ impl Heard {
     }
 }
 
-/// Cancels `run` on a signal, in a thread of its own.
+/// Cancels `run` on a signal, in a separate thread.
 pub fn cancel_on(run: Cancel) -> Heard {
     let first = Arc::new(AtomicI32::new(0));
     let heard = Heard(first.clone());
     let ignored = ignored();
     let handled = [SIGHUP, SIGINT, SIGTERM].into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0);
     let Ok(mut signals) = Signals::new(handled) else { return heard };
-    // Where the system gives no thread, those that work tell it.
+    // If the system refuses a thread, the workers will report that too.
     let _ = std::thread::Builder::new().spawn(move || {
         for signal in signals.forever() {
             if run.is_cancelled() {
@@ -47,21 +47,21 @@ pub fn cancel_on(run: Cancel) -> Heard {
     heard
 }
 
-/// Ends the program as `signal` does where nothing handles it.
+/// Ends the program as `signal` does by default.
 pub fn end_by(signal: i32) -> ! {
-    // The first process of a container does not die of its own signals, and would be aborted.
+    // The first process of a container is not killed by its own signals; raising one would only lead to an abort.
     if std::process::id() != 1 {
         let _ = emulate_default_handler(signal);
     }
     std::process::exit(code(signal))
 }
 
-/// The exit code that a shell tells of a process that died of `signal`.
+/// The exit code that a shell reports for a process killed by `signal`.
 pub fn code(signal: i32) -> i32 {
     128 + signal
 }
 
-/// The signals that are ignored, a bit each, from 1; none where the system does not tell.
+/// The ignored signals, one bit each, from 1; none if the system does not say.
 fn ignored() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));

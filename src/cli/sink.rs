@@ -1,5 +1,6 @@
-//! Where text and files go: to standard output, into a pipe or an open file of a process, or to a file that appears by
-//! rename when it is whole. And the checks, before any work, that all of them can be written and none replaces another.
+//! Destinations of text and files: standard output, a pipe or an open file of a process, or a file that appears by
+//! rename when it is complete. Also the checks, before any work, that all of them can be written and none overwrites
+//! another.
 
 use super::options::CliError;
 use nystrom_stream::base::{Error, Result};
@@ -10,22 +11,22 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Bytes of the longest name that a file may have.
+/// Maximum number of bytes of a file name.
 const LONGEST_NAME: usize = 255;
 
-/// Where text goes.
+/// A destination of text.
 #[derive(Clone, Debug)]
 pub enum Sink {
     /// Standard output, named `-`.
     Stdout,
-    /// What is written to directly, after what is there: a device, a pipe or an open file of a process (`/dev/stdout`).
+    /// Written to directly, after existing content: a device, a pipe or an open file of a process (`/dev/stdout`).
     Stream(PathBuf),
     /// A file.
     File(PathBuf),
 }
 
 impl Sink {
-    /// What `path` names.
+    /// The destination named by `path`.
     pub fn of(path: &Path) -> Self {
         let is_stream = || std::fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir());
         match path {
@@ -35,7 +36,7 @@ impl Sink {
         }
     }
 
-    /// Refuses a file whose folder is not there, or takes no file, before any work.
+    /// Rejects a file whose folder is missing or not writable, before any work.
     pub fn check(&self) -> Result<()> {
         let Self::File(path) = self else { return Ok(()) };
         if path.is_dir() && !path.as_os_str().as_encoded_bytes().ends_with(b"/") {
@@ -52,7 +53,7 @@ impl Sink {
         tempfile::tempfile_in(folder).map(drop).map_err(Error::io(path, "create"))
     }
 
-    /// Writes `text`; a file appears whole or not at all.
+    /// Writes `text`; a file appears complete or not at all.
     pub fn write(&self, text: &str) -> Result<()> {
         match self {
             Self::File(path) => json::publish(path, text.as_bytes()),
@@ -60,8 +61,8 @@ impl Sink {
         }
     }
 
-    /// What is written bit by bit as it comes. A file is emptied first unless it is to be `continued`, and refused
-    /// while another run writes to it.
+    /// Opens it for incremental writing. A file is truncated first unless it is to be `continued`, and rejected while
+    /// another run writes to it.
     pub fn open(&self, continued: bool) -> Result<OpenSink> {
         let path = match self {
             Self::Stdout => return Ok(OpenSink::Stdout),
@@ -91,7 +92,7 @@ pub enum OpenSink {
 }
 
 impl OpenSink {
-    /// Writes `bytes` at once.
+    /// Writes and flushes `bytes`.
     pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
         match self {
             Self::Stdout => print(bytes),
@@ -100,7 +101,7 @@ impl OpenSink {
     }
 }
 
-/// Refuses a pipe or a device as the `option` that is to become a file: a rename would take its place, and its reader
+/// Rejects a pipe or a device for the `option`, which must be a file: a rename would replace it, and its reader would
 /// wait for ever.
 pub fn check_is_no_stream(option: &str, path: &Path) -> Result<(), CliError> {
     match Sink::of(path) {
@@ -113,7 +114,7 @@ pub fn check_is_no_stream(option: &str, path: &Path) -> Result<(), CliError> {
     }
 }
 
-/// Refuses `outputs` inside of the work directory `folder`, whose files they could replace.
+/// Rejects `outputs` inside the work directory `folder`, whose files they could overwrite.
 pub fn check_outside<'a>(
     folder: Option<&Path>,
     outputs: impl IntoIterator<Item = &'a PathBuf>,
@@ -129,7 +130,7 @@ pub fn check_outside<'a>(
     }
 }
 
-/// Whether `path` names an open file of a process, or a link to one: a rename would take the place of the link.
+/// Whether `path` is an open file of a process, or a link to one: a rename would replace the link.
 fn is_open_file(path: &Path) -> bool {
     let names_one = |path: &Path| {
         let numbered = path.parent().is_some_and(|folder| folder.ends_with("fd"));
@@ -145,8 +146,8 @@ pub fn print(bytes: &[u8]) -> Result<()> {
     out.write_all(bytes).and_then(|()| out.flush()).map_err(Error::io("<stdout>", "write"))
 }
 
-/// Where the file `path` lies, or would; `-` for standard output; `None` for pipes and devices, which nothing is lost
-/// by.
+/// The location of the file `path`, existing or not; `-` for standard output; `None` for pipes and devices, where
+/// nothing can be overwritten.
 fn place(path: &Path) -> Option<PathBuf> {
     match std::fs::metadata(path) {
         _ if path == Path::new("-") => Some(path.into()),
@@ -156,8 +157,8 @@ fn place(path: &Path) -> Option<PathBuf> {
     }
 }
 
-/// Refuses outputs that would take the place of an input, of each other, or of files in the work directory `folder`, or
-/// that cannot be written.
+/// Rejects outputs that would overwrite an input, each other, or files in the work directory `folder`, or that cannot
+/// be written.
 pub fn check_places<'a>(
     inputs: impl IntoIterator<Item = &'a PathBuf>,
     folder: Option<&Path>,
@@ -168,12 +169,12 @@ pub fn check_places<'a>(
     Ok(outputs.into_iter().try_for_each(|path| Sink::of(path).check())?)
 }
 
-/// The mesh that the work directory `folder` is of.
+/// The mesh of the work directory `folder`.
 pub fn recorded_mesh(folder: &Path) -> Option<PathBuf> {
     input::recorded_mesh(&WorkDir::open_any(folder).ok()?)
 }
 
-/// Refuses outputs that would take the place of an input, or of each other.
+/// Rejects outputs that would overwrite an input, or each other.
 pub fn check_distinct<'a>(
     inputs: impl IntoIterator<Item = &'a PathBuf>,
     outputs: impl IntoIterator<Item = &'a PathBuf>,
@@ -202,8 +203,8 @@ pub fn check_distinct<'a>(
     Ok(())
 }
 
-/// Where a command that writes nothing keeps what it needs while it runs: beside the mesh at `path`, where there is
-/// most often room, or in the system's temporary folder where nothing can be written beside it, as in an archive.
+/// The scratch folder of a command without outputs: beside the mesh at `path`, where there is usually room, or the
+/// system's temporary folder if that is not writable, as in an archive.
 pub fn scratch_beside(path: &Path) -> PathBuf {
     let folder = folder_of(path);
     if tempfile::tempfile_in(&folder).is_ok() { folder } else { std::env::temp_dir() }

@@ -1,8 +1,7 @@
-//! `graph`, `rows`, `share`, `merge`, `embed`, `cluster` and `export`: the stages of `segment` one by one, over a work
+//! `graph`, `rows`, `share`, `merge`, `embed`, `cluster` and `export`: the stages of `segment` one by one, in a work
 //! directory.
 //!
-//! `graph` needs the mesh; the others find in the work directory which mesh it was, and make
-//! what is missing before them.
+//! `graph` needs the mesh; the others find its location in the work directory, and make missing earlier stages.
 
 use super::choices::choice;
 use super::edits::{EditArgs, corrections, named};
@@ -37,7 +36,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Where a stage works.
+/// The work directory of a stage.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Place {
     /// The work directory
@@ -151,11 +150,11 @@ pub struct ClusterArgs {
 }
 
 impl ClusterArgs {
-    /// The parameters of the work directory with what is asked for in their place, and the edits.
+    /// The parameters of the work directory overridden by the given options, and the edits.
     fn params(&self, record: &Record) -> Result<(SegmentParams, Option<Edits>), CliError> {
         let mut params = record.params.clone();
         if self.parts.cluster.is_some_and(|cluster| cluster != params.cluster) {
-            // Options of another way of clustering have no meaning here.
+            // Options of another clustering method do not apply here.
             let fresh = SegmentParams::default();
             (params.parts, params.boundaries) = (fresh.parts, fresh.boundaries);
             (params.tiny_components, params.walls) = (fresh.tiny_components, fresh.walls);
@@ -198,7 +197,7 @@ pub struct ExportArgs {
     pub scratch: ScratchArgs,
 }
 
-/// Opens a work directory that must be there; the run gets its seed, unless it is given another.
+/// Opens an existing work directory; the run gets its seed, unless another is given.
 fn reopen<'a>(place: &Place, seed: Option<u64>, run: Run<'a>) -> Result<(WorkDir, Record, Run<'a>), CliError> {
     drop(WorkDir::open_existing(&place.work_dir)?);
     let work = open(&place.work_dir, &run)?;
@@ -222,7 +221,7 @@ pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(args.json.publish_with(answer, bars.told())?)
 }
 
-/// Shard and number of shards from "0/3".
+/// Parses shard and number of shards such as "0/3".
 fn parse_shard(text: &str) -> Result<(usize, usize), String> {
     let wrong = || format!("{text:?} is not a shard; write 0/3, 1/3 and 2/3");
     let (shard, of) = text.split_once('/').ok_or_else(wrong)?;
@@ -243,17 +242,17 @@ pub fn share(args: &ShareArgs, app: &AppContext) -> Result<(), CliError> {
 }
 
 pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
-    // Rows are asked for: those that parts are decided with are over all faces too.
+    // `rows` makes rows over all faces, so parts must be decided on all faces too, not on a contraction.
     shared(Divided::Rows, args, args.method.params()?.exact(true), app)
 }
 
-/// The work of `rows` and `share` on what is `divided`.
+/// Runs `rows` and `share` for the work `divided`.
 fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let mut run = args.run.run(&bars, app);
     let (folder, force) = (&args.place.work_dir, args.force);
     let record = sharding::record(folder, &run)?;
-    // What streams tell shows when it is read.
+    // The content of a stream is known only after reading it.
     let streams = args.mesh.as_ref().is_some_and(|path| path == Path::new("-") || is_pipe(path));
     if streams && (args.shard.is_some() || args.prepare) {
         let text = "a mesh that streams cannot be shared; begin with `graph`, and leave MESH out here";
@@ -264,7 +263,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
         Some(path) if streams => (path.clone(), Value::Null),
         Some(path) => (path.clone(), input::recorded_or_content(path, record.as_ref())?),
         None => {
-            // Where there is none, this says why.
+            // If there is none, this returns the error.
             let record = Record::read(&WorkDir::open_existing(folder)?)?;
             if spooled || !record.mesh.exists() {
                 (there(None, &record, folder)?, record.identity)
@@ -396,7 +395,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     let run = args.resources.run(&bars, app);
     let folder = &args.place.work_dir;
     let looked_at = WorkDir::open_existing(folder)?;
-    // Others may read it at the same time, and it may be read-only, unless an embedding is to be made.
+    // It is opened read-only, beside other readers, unless an embedding has to be computed.
     let work = if args.form.embedding_columns && embed::kept(&looked_at).is_none() {
         drop(looked_at);
         open(folder, &run)?
@@ -410,7 +409,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     check_places(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.tree))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.tree))?;
     check_mesh(args.mesh.as_deref(), &record, work.path())?;
-    // The record's where nothing was cut yet.
+    // Those of the record if nothing was cut yet.
     let params = labels::method(&work).unwrap_or_else(|| record.params.clone());
     if let Some(path) = &args.tree {
         let tree = decision::tree_of(&work, params.exact_rows())?;
@@ -438,7 +437,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(())
 }
 
-/// The mesh of the work directory `work`, with `faces` labels, where one of `outputs` needs it; opened as by
+/// The mesh of the work directory `work`, with `faces` labels, if one of `outputs` needs it; opened as by
 /// [`open_mesh`].
 fn opened_for(
     outputs: &[Output],
@@ -452,8 +451,8 @@ fn opened_for(
     needed.then(|| open_mesh(moved, record, Some(faces), work, context)).transpose()
 }
 
-/// Opens the mesh that the work directory `work` belongs to, from `moved` if it is given, else from the path in
-/// `record`. What has to be decoded goes to the work directory of `context`, which may be another.
+/// Opens the mesh of the work directory `work`, from `moved` if given, else from the path in `record`. Decoded arrays
+/// go to the work directory of `context`, which may be another one.
 fn open_mesh(
     moved: Option<&Path>,
     record: &Record,
@@ -469,8 +468,7 @@ fn open_mesh(
     Ok(opened)
 }
 
-/// Refuses a mesh that is named, or that lies where `record` has it, and is another by now, though labels alone do
-/// without it.
+/// Rejects a mesh that is given, or is at the path in `record`, but has changed, even if only labels are needed.
 fn check_mesh(named: Option<&Path>, record: &Record, folder: &Path) -> Result<(), Error> {
     if named.is_some() || !record.is_spooled() && record.mesh.exists() {
         there(named, record, folder)?;
@@ -478,7 +476,7 @@ fn check_mesh(named: Option<&Path>, record: &Record, folder: &Path) -> Result<()
     Ok(())
 }
 
-/// Where the mesh of the work directory in `folder` lies: at `moved` if that is given, else where `record` has it.
+/// The location of the mesh of the work directory in `folder`: `moved` if given, else the path in `record`.
 fn there(moved: Option<&Path>, record: &Record, folder: &Path) -> Result<PathBuf, Error> {
     let path = moved.map_or_else(|| record.path(folder), Path::to_path_buf);
     if moved.is_none() && !path.exists() {

@@ -1,4 +1,4 @@
-//! `transfer-labels`: labels carried over to another mesh of the same shape.
+//! `transfer-labels`: transfers labels to another mesh of the same shape.
 
 use super::errors::of_file;
 use super::input::{check_there, open_file};
@@ -51,7 +51,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.shown.bars();
     let run = args.resources.run(&bars, app);
     let tmp = args.scratch.tmp.clone().unwrap_or_else(|| scratch_folder(&outputs));
-    // Both meshes may have to be decoded, each into a folder of its own.
+    // Both meshes may have to be decoded, each into its own folder.
     let (work, source) = (WorkDir::temporary(&tmp)?, WorkDir::temporary(&tmp)?);
     let from = open_file(&args.from, source.path(), &run)?;
     let found = labelled(&from, args.labels.as_deref(), Context::new(&source, &run))?;
@@ -68,7 +68,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         facts.filled,
         facts.islands
     ));
-    // A colour for each number up to the greatest label would be for nothing where none is written.
+    // Colours for every number up to the greatest label are computed only if they are written.
     let coloured = outputs.iter().any(Output::needs_mesh);
     let colours = if coloured { found.colours(&to, &result.labels, &run)? } else { Vec::new() };
     let report = json!({

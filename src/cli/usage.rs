@@ -1,10 +1,10 @@
-//! Refusals by clap in the form of all errors: one line, which begins with the option or the word
-//! and ends with what to do.
+//! Errors of clap in the form of all errors: one line, which starts with the option or the word and ends with what to
+//! do.
 
 use clap::error::{ContextKind, ContextValue, ErrorKind as Kind};
 use clap::{Arg, Command, Error};
 
-/// Options and what they go with, which clap calls missing without saying who asks for it.
+/// Options and what they require; clap reports the latter as missing without saying which option needs it.
 const TOGETHER: [(&str, &str); 10] = [
     ("--carried", "--carry"),
     ("--carry", "--carried"),
@@ -18,8 +18,8 @@ const TOGETHER: [(&str, &str); 10] = [
     ("--samples", "--matches"),
 ];
 
-/// What `error` says, in one line; nothing where it is help or the version, which clap prints itself. `command` is what
-/// was parsed.
+/// The message of `error`, in one line; `None` for help or the version, which clap prints itself. `command` is the
+/// parsed command.
 pub fn line(error: &Error, command: &Command) -> Option<String> {
     if [Kind::DisplayHelp, Kind::DisplayVersion, Kind::DisplayHelpOnMissingArgumentOrSubcommand].contains(&error.kind())
     {
@@ -31,18 +31,18 @@ pub fn line(error: &Error, command: &Command) -> Option<String> {
     Some(format!("{text}; see nystrom-stream {name}--help"))
 }
 
-/// The words of the command line, for comparison: some need not be UTF-8.
+/// The words of the command line, for comparison; some need not be UTF-8.
 fn given() -> impl Iterator<Item = String> {
     std::env::args_os().map(|word| word.to_string_lossy().into_owned())
 }
 
-/// Whether the words of the command line ask for progress as events, whatever else is wrong with them.
+/// Whether the command line requests progress as events, whatever else is wrong with it.
 pub fn asks_for_events() -> bool {
     let words: Vec<String> = given().take_while(|word| word != "--").collect();
     words.contains(&"--progress=json".to_string()) || words.windows(2).any(|two| two == ["--progress", "json"])
 }
 
-/// Which option was given without the one that it goes with; nothing where all that is missing is needed in any case.
+/// The option given without the one that it requires; `None` if everything missing is required in any case.
 fn lonely(error: &Error, subcommand: Option<&Command>) -> Option<String> {
     if error.kind() != Kind::MissingRequiredArgument {
         return None;
@@ -72,7 +72,7 @@ fn words(error: &Error, kind: ContextKind) -> Option<Vec<String>> {
     }
 }
 
-/// Option or argument without the name of its value: "--parts <K>" is `--parts`, "<MESH>..." is `MESH`.
+/// Option or argument without its value name: "--parts <K>" gives `--parts`, "<MESH>..." gives `MESH`.
 fn option(word: &str) -> String {
     let first = word.split([' ', '=']).next().unwrap_or(word);
     if first.starts_with('-') {
@@ -134,7 +134,7 @@ fn message(error: &Error) -> Option<String> {
     })
 }
 
-/// The words of clap on one line.
+/// The message of clap on one line.
 fn rendered(error: &Error) -> String {
     let text = error.render().to_string();
     let mut message = String::new();
