@@ -3,7 +3,7 @@
 //! A *spine* is a line segment with a varying radius; a *part* is a smooth union of spines; the creature is the union
 //! of its parts with a fillet of [`FILLET`] where two of them meet. The surface is where [`Shape::whole`] is zero,
 //! negative inside. The points equally near to two parts form the bottom of the valley between them: the border of the
-//! true segmentation. Units are arbitrary; the creature is about 3 long. Cost: some 10 ns per spine and evaluation.
+//! true segmentation. Units are arbitrary; the creature is about 4 long. Cost: some 10 ns per spine and evaluation.
 
 use nalgebra::Vector3;
 
