@@ -211,7 +211,7 @@ impl Front {
         Self { queue: Queue::new(width), batch: Vec::new(), relaxations: Vec::new(), pages: None }
     }
 
-    /// The same for a graph larger than memory: `pages` tells the kernel what will be needed next.
+    /// The same for a graph larger than memory: `pages` announces to the operating system what will be read next.
     #[must_use]
     pub fn paged(self, pages: Option<Pages>) -> Self {
         Self { pages, ..self }
@@ -403,7 +403,7 @@ impl Front {
         self.walk(packed, field, label, &mut (), cancel)
     }
 
-    /// The loop itself, generic over `steps`; `pager` is told where it goes. A separate function for each form: in a
+    /// The loop itself, generic over `steps`; `pager` receives its position. A separate function for each form: in a
     /// single one the loop's variables do not stay in registers.
     #[inline(never)]
     fn walk(

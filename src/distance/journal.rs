@@ -297,14 +297,14 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         let (read, rows) = Journal::read(&path).unwrap();
         assert_eq!((read, rows.len(), rows[&2]), (spec, 3, line(2)));
-        // Torn at any byte after the spec, and gone on with.
+        // Truncated at any byte after the spec, then resumed.
         for cut in whole.len() - 60..whole.len() {
             std::fs::write(&path, &whole[..cut]).unwrap();
             Journal::reopen(&path).unwrap().append(&line(3)).unwrap();
             let rows = Journal::read(&path).unwrap().1;
             assert!(rows.contains_key(&3) && rows.contains_key(&1) && rows.values().all(|l| *l == line(l.row)));
         }
-        // Two processes that go on with one journal.
+        // Two processes that resume the same journal.
         std::fs::write(&path, &whole).unwrap();
         let both = [(); 2].map(|()| Journal::reopen(&path).unwrap());
         both.iter().zip([0, 3]).for_each(|(one, row)| one.append(&line(row)).unwrap());

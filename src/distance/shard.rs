@@ -204,7 +204,7 @@ mod tests {
     use crate::store::Run;
     use serde_json::Value;
 
-    /// Chooses consecutive faces, from one on that the seed tells.
+    /// Chooses consecutive faces, starting at one that depends on the seed.
     #[derive(Serialize)]
     struct BySeed;
 

@@ -59,7 +59,7 @@ fn chosen(surface: Surface<'_>, sampler: &dyn Sampler, l: usize, context: Contex
     Ok(found)
 }
 
-/// The distances from `landmarks` to all vertices, in the file `name` of `work`. Progress is told as stage `rows`.
+/// The distances from `landmarks` to all vertices, in the file `name` of `work`. Progress is reported as stage `rows`.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`].

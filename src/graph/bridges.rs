@@ -242,7 +242,7 @@ mod tests {
             let sizes: Vec<usize> = (0..count).map(|k| 1 + k * 5 % PER_COMPONENT as usize).collect();
             let mut of: Vec<usize> = (0..count).flat_map(|k| vec![k; sizes[k]]).collect();
             if scattered {
-                // Every 13th after the other, each once: the nodes of a component lie apart.
+                // A stride of 13 scatters the nodes of each component.
                 assert!(!of.len().is_multiple_of(13));
                 of = (0..of.len()).map(|i| of[i * 13 % of.len()]).collect();
             }

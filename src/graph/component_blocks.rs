@@ -108,7 +108,7 @@ mod tests {
     use crate::graph::OwnedRowStarts;
     use crate::store::Budget;
 
-    /// A graph of `n` nodes with random edges, up to `reach` apart, about `share` of a hundred of them far.
+    /// A graph of `n` nodes with random edges: most span at most `reach`, `far` per cent are arbitrary.
     fn graph(n: usize, reach: usize, far: usize) -> (OwnedRowStarts, Vec<u32>, Vec<u32>) {
         let mut random = stream(1, "components");
         let mut forest = Forest::new(n);
@@ -140,11 +140,11 @@ mod tests {
         assert!(!find_roots(Csr::new(OwnedRowStarts::of([0]).view(), &[], &[]), &mut [0], &run).unwrap());
     }
 
-    /// Regression: each thread held as many edges between blocks as all together may.
+    /// Regression: each thread could hold as many edges between blocks as all threads together may.
     #[test]
     fn edges_between_blocks_are_counted_over_all_of_them() {
         let n = 1 << 20;
-        // Each node has an edge to the node four blocks before.
+        // Each node has an edge to the node four blocks earlier.
         let far = 4 * NODES;
         let rows = (0..n).map(|i| usize::from(i >= far));
         let indices: Vec<u32> = (0..(n - far) as u32).collect();
@@ -155,8 +155,9 @@ mod tests {
         assert_eq!([5, 6, 7].map(|k| found(k, &mut roots)), [3 * LUMP, 0, 0]);
     }
 
-    /// A strip of quads: first triangles from its end to its start, then second ones from its start on. Each edge joins
-    /// two blocks and a least root that is new: the roots were one long chain, walked once for each of them.
+    /// A strip of quads: the first triangles from its end to its start, then the second ones from its start to its end.
+    /// Each edge joins two blocks, and each join brings a new least root. Regression: the roots formed one long chain,
+    /// which was walked for each of them.
     #[test]
     fn roots_of_blocks_that_are_joined_in_a_long_chain_are_found_soon() {
         let quads = 60_000;
@@ -176,7 +177,7 @@ mod tests {
 
     #[test]
     fn too_many_edges_between_blocks_are_left_to_others() {
-        // Each node of the second half beside three of the first.
+        // Each node of the second half is adjacent to three of the first.
         let n = 1 << 20;
         let rows = |i: usize| if i < n / 2 { 0..0 } else { i - n / 2..(i - n / 2 + 3).min(n / 2) };
         let indices: Vec<u32> = (0..n).flat_map(rows).map(|near| near as u32).collect();

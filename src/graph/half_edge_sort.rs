@@ -200,7 +200,7 @@ mod tests {
     fn the_counting_sort_sorts() {
         let mut sorter = Sorter::default();
         for spread in [1u32, 50, 1_000_000, u32::MAX - 7] {
-            // All over the spread, or most of them together at its beginning, middle or end.
+            // Spread over the whole range, or mostly close together at its beginning, middle or end.
             for together in [0, 1, spread / 2 + 1, spread] {
                 let mut records: Vec<HalfEdge> = (0..5000u32)
                     .map(|i| {

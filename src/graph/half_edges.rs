@@ -304,8 +304,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let mut random = stream(3, "blocks");
         for (faces, spread) in [(40usize, 12), (20_000, 12), (20_000, 90), (12_000, 20_000)] {
-            // Polygons among near vertices, in the order of the faces: edges of one, two and more faces, here and
-            // across blocks, in both directions; some lead far away, some twice over the same edge.
+            // Polygons of nearby vertices, in the order of the faces: edges of one, two and more faces, within and
+            // across blocks, in both directions; some edges are long, and some polygons have an edge twice.
             let vertices: Vec<[f64; 3]> = (0..faces / 2 + spread).map(|v| [v as f64, 0., 1.]).collect();
             let polygons: Vec<Vec<u32>> = (0..faces)
                 .map(|face| {

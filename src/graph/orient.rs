@@ -297,7 +297,8 @@ mod tests {
         assert!(!turn(cup().map(most_against)));
     }
 
-    /// A room was turned inside out: its walls were cut where they are convex, and furniture belonged to them.
+    /// Regression: a room was turned inside out, so its walls were cut where they are convex, and furniture was joined
+    /// to them.
     #[test]
     fn what_is_wide_open_keeps_the_direction_of_its_file() {
         // Floor and three walls, seen from within.

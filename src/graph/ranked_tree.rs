@@ -182,7 +182,7 @@ mod tests {
             [(1, 0, 1), (2, 0, 2), (16, 0, 3), (17, 3, 1), (333, 0, 2), (1_000, 4, 4), (500, 1, 2)]
         {
             let run = Run { threads, ..Run::new(&()) };
-            // Many at the same place where there is a grid.
+            // On a grid, many points coincide.
             let mut place = || {
                 [0; 3].map(|_| unit(&mut random) as f32).map(|x| if grid > 0 { (x * grid as f32).floor() } else { x })
             };

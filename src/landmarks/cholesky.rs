@@ -169,7 +169,7 @@ mod tests {
         let mut hits = [0; 6];
         (0..1000).for_each(|k| hits[pivot(&residual, &chosen, (f64::from(k) + 0.5) / 1000.)] += 1);
         assert_eq!(hits, [100, 0, 300, 0, 0, 600]);
-        // If all is explained, a free one.
+        // If nothing remains to be explained, any free column is drawn.
         assert_eq!(pivot(&[0., 0., -1.], &[true, false, false], 0.7), 1);
     }
 }

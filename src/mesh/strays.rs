@@ -380,7 +380,7 @@ mod tests {
 
     type Arrays = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
-    /// A square sheet of `w` × `w` vertices one apart, a little wavy.
+    /// A square, slightly wavy sheet of `w` × `w` vertices at distance 1.
     fn sheet(w: u32) -> Arrays {
         let at = |i: u32| [f64::from(i % w), f64::from(i / w), 0.1 * f64::from(i % 7)];
         let quad = |i: u32| [[i, i + 1, i + w + 1], [i, i + w + 1, i + w]];
@@ -400,7 +400,7 @@ mod tests {
         find(&Mesh::from_slices(points, faces).unwrap(), &Run::new(&())).unwrap()
     }
 
-    /// The mean of the vertices around `v`.
+    /// The mean of the neighbours of `v`.
     fn amid((points, faces): &Arrays, v: u32) -> [f64; 3] {
         let beside: BTreeSet<u32> =
             faces.iter().filter(|face| face.contains(&v)).flatten().copied().filter(|&w| w != v).collect();
@@ -433,7 +433,7 @@ mod tests {
         let found = strays(&two);
         assert_eq!(found.iter().map(|repair| repair.0).collect::<Vec<u32>>(), [500, 501]);
         assert!(found.iter().all(|(v, p)| distance(*p, clean.0[*v as usize]) < 2.));
-        // A whole face, and what lies in no face at all.
+        // All vertices of a face, and a vertex without faces.
         let mut face = clean.clone();
         [500, 501, 541].iter().for_each(|&v| face.0[v] = [-3e3 - v as f64, 2. * v as f64, 1e4]);
         face.0.push([1e5; 3]);
@@ -441,7 +441,7 @@ mod tests {
         assert_eq!(found.iter().map(|repair| repair.0).collect::<Vec<u32>>(), [500, 501, 541, 1600]);
         assert!(found[..3].iter().all(|(v, p)| distance(*p, clean.0[*v as usize]) < 2.));
         assert!(found[3].1[0].is_nan());
-        // Triangles that share no vertices: the six copies of a stray meet again.
+        // In a soup, the six copies of a stray get the same position.
         let mut one = clean.clone();
         one.0[820] = [0., 0., 1e9];
         let points: Vec<[f64; 3]> = one.1.iter().flatten().map(|&v| one.0[v as usize]).collect();
@@ -452,7 +452,7 @@ mod tests {
 
     #[test]
     fn honest_geometry_is_no_stray() {
-        // A spire on a wide base, of one vertex; the same where triangles share none.
+        // A spire of one vertex on a wide base; then the same as a soup.
         let (w, mut spire) = (40, sheet(40));
         let rim = border(w);
         spire.0.push([20., 20., 2000.]);
@@ -460,7 +460,7 @@ mod tests {
         assert_eq!(strays(&spire), []);
         let points: Vec<[f64; 3]> = spire.1.iter().flatten().map(|&v| spire.0[v as usize]).collect();
         assert_eq!(strays(&(points, (0..spire.1.len() as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect())), []);
-        // A plate a hundred times as large around the sheet, and one beside it.
+        // A plate a hundred times as large around the sheet, and one apart from it.
         let corners = [[-3e3, -3e3, 0.], [3e3, -3e3, 0.], [3e3, 3e3, 0.], [-3e3, 3e3, 0.]];
         let mut plate = sheet(40);
         plate.0.extend(corners);
@@ -475,7 +475,7 @@ mod tests {
         beside.0.extend(corners.map(|p| [p[0], p[1], 500.]));
         beside.1.extend([[1600, 1601, 1602], [1600, 1602, 1603]]);
         assert_eq!(strays(&beside), []);
-        // A pole with four edges; a roof over few large faces.
+        // A pole with four edges, and a pyramid over a few faces.
         let mut pole = sheet(40);
         pole.0.extend([[20., 20., 500.], [21., 20., 500.], [21., 21., 500.], [20., 21., 500.]]);
         let base = [820u32, 821, 861, 860];
@@ -496,11 +496,11 @@ mod tests {
 
     #[test]
     fn many_are_none() {
-        // A tenth of the vertices: the mesh reaches out there, whatever it is.
+        // A tenth of the vertices is far away: so many are part of the mesh, not strays.
         let mut mesh = sheet(40);
         (0..160).for_each(|k| mesh.0[10 * k] = [1e9 + k as f64, 0., 0.]);
         assert_eq!(strays(&mesh), []);
-        // Fewer than a hundred vertices have no strays, and most at one point have no core.
+        // Meshes of fewer than a hundred vertices have no strays; if most vertices coincide, there is no core.
         let mut small = sheet(9);
         small.0[40] = [1e9; 3];
         assert_eq!(strays(&small), []);

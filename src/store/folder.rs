@@ -312,7 +312,7 @@ fn remove_folder(path: &Path) {
 mod tests {
     use super::*;
 
-    /// Others could look into temporary folders, and a link in the place of one had its target touched.
+    /// Regression: other users could read temporary folders, and a planted symbolic link had its target changed.
     #[test]
     fn temporary_folders_are_private_and_planted_links_stay() {
         let dir = tempfile::tempdir().unwrap();
@@ -331,8 +331,8 @@ mod tests {
         folder.remove();
     }
 
-    /// Files went to the parent where the folder could not be made, and took the place of what was
-    /// there under their names.
+    /// Regression: if the folder could not be created, files were written to its parent and replaced files of the same
+    /// name.
     #[test]
     fn where_no_folder_can_be_made_the_parent_is_left_alone() {
         let dir = tempfile::tempdir().unwrap();
@@ -341,7 +341,7 @@ mod tests {
             |_: &Path| Err(Error::io(dir.path(), "create a temporary folder here")(ErrorKind::StorageFull.into()));
         let path = folder.path_made_by(full);
         assert!(path.parent() == Some(dir.path()) && !path.exists());
-        // Regression: the reason was text in an error of another kind, and the number of the system was lost.
+        // Regression: the reason was text in an error of another kind, and the error number of the system was lost.
         for _ in 0..2 {
             let error = folder.for_new().unwrap_err();
             assert!(error.to_string().contains("create a temporary folder"), "{error}");
@@ -360,7 +360,7 @@ mod tests {
         let folder = private(dir.path()).unwrap();
         std::fs::write(folder.path().join("input"), "x").unwrap();
         let path = folder.path().to_path_buf();
-        // Another that is made beside it leaves it, until its process is gone.
+        // Another folder created here leaves this one alone until its process has ended.
         let other = private(dir.path()).unwrap();
         assert!(path.join("input").exists());
         let PrivateFolder(Folder { lock, .. }) = &folder;
@@ -384,8 +384,8 @@ mod tests {
         drop(copy);
     }
 
-    /// A run that was killed between making its folder and locking it, or between emptying and removing it, left
-    /// an empty folder for ever.
+    /// Regression: a run killed between creating and locking its folder, or between emptying and removing it, left an
+    /// empty folder for ever.
     #[test]
     fn an_empty_folder_goes_and_one_with_unknown_files_stays() {
         let dir = tempfile::tempdir().unwrap();
@@ -399,7 +399,8 @@ mod tests {
         assert!(!empty.exists() && full.join("file").exists() && other.exists());
     }
 
-    /// Many that make folders at once remove one another's that are not locked yet; each makes another.
+    /// Threads that create folders at the same time may remove each other's before these are locked; then another is
+    /// created.
     #[test]
     fn folders_made_side_by_side_are_all_there() {
         let dir = tempfile::tempdir().unwrap();

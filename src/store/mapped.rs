@@ -517,7 +517,7 @@ fn claimed(path: &Path) -> Error {
 mod tests {
     use super::*;
 
-    /// Failed where a claim outlived its mapping: a file made by another thread got the number of one removed just now.
+    /// Regression: a claim outlived its mapping, so a new file that got the inode of a removed one was refused.
     #[test]
     fn a_new_file_with_the_number_of_a_removed_one_is_free() {
         let dir = tempfile::tempdir().unwrap();
@@ -566,7 +566,7 @@ mod tests {
         assert!(MappedSlice::<u32>::from(Vec::new()).is_empty());
     }
 
-    /// Two writable slices over one row could be had, and a slice that others wrote to.
+    /// Regression: a row could have two writable slices, or others could write to one.
     #[test]
     fn mappings_never_alias() {
         let dir = tempfile::tempdir().unwrap();

@@ -142,7 +142,7 @@ mod tests {
     use super::*;
     use std::io::Write;
 
-    /// A link under the name of a temporary file had its target overwritten.
+    /// Regression: the target of a link with the name of a temporary file was overwritten.
     #[test]
     fn planted_links_are_replaced_and_their_targets_left_alone() {
         let dir = tempfile::tempdir().unwrap();
@@ -179,7 +179,7 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
     }
 
-    /// Two runs that began at the same time removed each other's file between its making and its lock.
+    /// Regression: two runs that started at the same time removed each other's file between its creation and its lock.
     #[test]
     fn of_many_that_begin_at_once_nobody_loses_a_file_that_was_granted() {
         let dir = tempfile::tempdir().unwrap();
@@ -190,7 +190,7 @@ mod tests {
                 start.wait();
                 let made = create(&path).ok();
                 start.wait();
-                // All files that were granted are open: only one of them can have the name.
+                // All files that were granted are open, so only one of them can have the name.
                 let named = made.as_ref().map(|file| is_at(file, &path).unwrap());
                 start.wait();
                 named

@@ -199,7 +199,7 @@ mod tests {
 
     #[test]
     fn nested_brackets_take_no_longer_than_their_bytes() {
-        // Twenty of them practically hung a parser of all of Python's literals.
+        // A parser of all Python literals took practically for ever on twenty of them.
         for bracket in ["[", "{", "(", "[(", "[{"] {
             let nested = bracket.repeat(20_000);
             assert!(of(&format!("{{'descr': {nested}")).is_err());

@@ -7,8 +7,8 @@
 //! 1. The *key* is a hash of the stage's name, its version and its inputs, which contain the keys of the stages that it
 //!    builds on. So a changed option, another mesh or a newer algorithm anywhere upstream gives another key.
 //! 2. If the manifest has that key, and the files match the sizes and checksums recorded there, the stage is opened.
-//! 3. Otherwise the stage is removed from the manifest, and the progress listener is told why; the stage is made, its
-//!    files are synced, and the manifest is written last.
+//! 3. Otherwise the stage is removed from the manifest, and the progress listener gets the reason; the stage is made,
+//!    its files are synced, and the manifest is written last.
 //!
 //! A run that is killed at any moment thus leaves either a complete stage or none. In a temporary directory nothing is
 //! synced and nothing is hashed.

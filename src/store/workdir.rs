@@ -502,7 +502,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let work = WorkDir::temporary(dir.path()).unwrap().holding(&Budget::new(1 << 30));
         let held = work.array_in_memory::<u32>("lengths.npy", &[7]).unwrap().finish(false).unwrap();
-        // Regression: edges with bridges are written as files, and those held before were found instead.
+        // Regression: an array held in memory was found instead of a later file of its name, such as edges with
+        // bridges.
         let mut longer = work.writer::<u32>("lengths.npy", 1).unwrap();
         longer.push(&[3; 9]).unwrap();
         longer.finish(false).unwrap();
@@ -551,7 +552,7 @@ mod tests {
         std::fs::write(dir.path().join(MANIFEST), manifest.to_string()).unwrap();
         let work = WorkDir::open(dir.path()).unwrap();
         assert!(matches!(work.reuse::<i32>("s", 1, "k"), Err(StageMiss::OtherVersion { .. })));
-        // The manifest named the program that had made the directory, whichever had written it since.
+        // Regression: the manifest named the program that created the directory, not the one that last wrote to it.
         work.stamp(StageKey::new("s", 2, json!({})), &[], &7, 0.5).unwrap();
         let manifest: Value = serde_json::from_slice(&std::fs::read(dir.path().join(MANIFEST)).unwrap()).unwrap();
         assert_eq!((&manifest["format"], &manifest["program"]), (&json!(2), &json!(crate::store::manifest::PROGRAM)));
@@ -571,7 +572,7 @@ mod tests {
         let mut writer = work.writer::<u32>("b.npy", 1).unwrap();
         writer.push(&[1; 20_000]).unwrap();
         assert_eq!(files(), 0);
-        // Half of the budget stays free: the rest of it, and all that was there, becomes a file.
+        // Half of the budget stays free: what exceeds the rest becomes a file, with all that the array already had.
         for _ in 0..20 {
             writer.push(&[2; 20_000]).unwrap();
         }

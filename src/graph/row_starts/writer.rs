@@ -183,7 +183,7 @@ mod tests {
     use super::*;
     use crate::base::random::{below, stream};
 
-    /// Degrees of many kinds of rows: threes, none, polygons, long ones here and there.
+    /// Degrees in runs of different kinds: triangles, isolated nodes, polygons, occasional long rows.
     fn degrees(n: usize, seed: u64) -> Vec<usize> {
         let mut random = stream(seed, "degrees");
         let kind = |k: usize| (k / 150 + seed as usize) % 6;

@@ -314,7 +314,7 @@ mod tests {
                     .unwrap();
                 let told = std::fs::read(&out).unwrap();
                 if form == PlyForm::Ascii {
-                    // Texture coordinates are positions, of the pieces too; what no face names stays.
+                    // Texture coordinates equal positions, also on pieces; elements that no face refers to are kept.
                     let text = String::from_utf8(told).unwrap();
                     let body: Vec<&str> = text.split("end_header\n").nth(1).unwrap().lines().collect();
                     assert_eq!(*body.last().unwrap(), "77");
@@ -335,7 +335,7 @@ mod tests {
     fn types_without_room_for_new_vertices_are_refused() {
         let dir = tempfile::tempdir().unwrap();
         let run = Run::new(&());
-        // Stripes make more new vertices.
+        // Stripes create more new vertices.
         let labels: Vec<u32> = (0..128).map(|f| (f / 2 % 8 + f / 16 * 2) / 5).collect();
         let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[] };
         let path = dir.path().join("a.ply");
@@ -346,7 +346,7 @@ mod tests {
         ] {
             sheet(&path, Encoding::Little, index, coordinate);
             if coordinate == Scalar::U16 {
-                // Named X, Y and Z, whole coordinates passed.
+                // Regression: integer coordinates were accepted if they were named X, Y and Z.
                 let mut bytes = std::fs::read(&path).unwrap();
                 for k in 0..3 {
                     let line = [&b"property ushort "[..], &b"xyz"[k..=k], b"\n"].concat();

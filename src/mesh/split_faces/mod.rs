@@ -252,8 +252,7 @@ mod tests {
     use crate::store::Budget;
     use std::collections::{BTreeMap, BTreeSet};
 
-    /// A torus of w × h squares of two triangles with random heights, closed; vertices are where a
-    /// random mesh would have them.
+    /// A closed torus of w × h squares, each two triangles, with jittered vertices.
     fn torus(w: u32, h: u32, random: &mut Random) -> Mesh {
         let mut positions = Vec::new();
         for k in 0..w * h {
@@ -272,7 +271,7 @@ mod tests {
         Mesh::from_vecs(positions, faces.collect()).unwrap()
     }
 
-    /// Labels by the nearest of `parts` random places, noisy at boundaries.
+    /// Labels by the nearest of `parts` random points, noisy at boundaries.
     fn labels(mesh: &Mesh, parts: usize, random: &mut Random) -> Vec<u32> {
         let places: Vec<[f64; 3]> =
             (0..parts).map(|_| mesh.positions.get(below(random, mesh.positions.len()) as u32)).collect();
@@ -297,7 +296,7 @@ mod tests {
         sum
     }
 
-    /// The faces of each half-edge.
+    /// The faces of each directed edge.
     fn halves(faces: &[Vec<u32>]) -> BTreeMap<[u32; 2], Vec<usize>> {
         let mut all: BTreeMap<_, Vec<usize>> = BTreeMap::new();
         for (f, corners) in faces.iter().enumerate() {
@@ -307,7 +306,7 @@ mod tests {
         all
     }
 
-    /// The edges between labels, and their length.
+    /// The edges between faces of different labels, and their total length.
     fn boundary(mesh: &Mesh, labels: &[u32]) -> (Vec<[u32; 2]>, f64) {
         let halves = halves(&triangles(mesh));
         let label = |half: [u32; 2]| halves.get(&half).map(|faces| labels[faces[0]]);
@@ -333,13 +332,14 @@ mod tests {
             let (after, own) = applied(&mesh, &labels, &split);
             let (before, faces) = (triangles(&mesh), triangles(&after));
             assert!(faces.len() > before.len());
-            // Every edge twice, there and back; the same Euler characteristic.
+            // Closed and consistently wound: every edge is in two faces, once in each direction; the Euler
+            // characteristic stays 0.
             let halves = halves(&faces);
             for ([a, b], sides) in &halves {
                 assert_eq!((sides.len(), halves.get(&[*b, *a]).map(Vec::len)), (1, Some(1)), "{seed}: {a} {b}");
             }
             assert_eq!(after.positions.len() + faces.len(), halves.len() / 2);
-            // Pieces cover their faces.
+            // The pieces of a face have its area.
             let mut sums: Vec<f64> = before.iter().map(|corners| area(&mesh, corners)).collect();
             let all: f64 = sums.iter().sum();
             let parents: Vec<usize> = (0..before.len())
@@ -354,7 +354,7 @@ mod tests {
                 }
             }
             assert!(sums.iter().all(|sum| sum.abs() < 1e-9 * all), "{seed}");
-            // Faces whose vertices all are inside of a part keep its label, and no label is lost.
+            // A face whose vertices are all inside one part keeps its label, and no label is lost.
             let mut around = vec![BTreeSet::new(); mesh.positions.len()];
             before.iter().zip(&labels).for_each(|(corners, &label)| {
                 corners.iter().for_each(|&v| _ = around[v as usize].insert(label));
@@ -374,12 +374,12 @@ mod tests {
         assert!(met > 10, "three parts meet in {met} faces");
     }
 
-    /// Slow and obvious: every crossing tried in many other places.
+    /// By brute force: every crossing is tried at many other positions.
     #[test]
     fn no_crossing_alone_could_make_the_boundary_shorter() {
         let mut random = stream(3, "torus");
         let mesh = torus(40, 20, &mut random);
-        // Without noise: the boundary comes to rest.
+        // Without noise, the boundary converges.
         let mut labels = Vec::new();
         mesh.faces.for_each(0..mesh.faces.len(), |_, corners| {
             let [x, y, z] = mesh.positions.get(corners[0]);
@@ -402,7 +402,7 @@ mod tests {
                 let at = add_scaled(a, t, [b[0] - a[0], b[1] - a[1], b[2] - a[2]]);
                 ends.iter().map(|&end| distance(end, at)).sum::<f64>()
             };
-            // As far as crossings may go.
+            // The range that crossings may use.
             let least = (20..=80).map(|t| sum(f64::from(t) / 100.)).fold(f64::INFINITY, f64::min);
             gained += (sum(new.weights[1]) - least).max(0.);
             tried += 1;
@@ -413,7 +413,7 @@ mod tests {
 
     #[test]
     fn creases_borders_polygons_and_narrow_parts_stay_on_their_edges() {
-        // A roof: two slopes of 8 × 4 squares; parts are the slopes, with the ridge for a boundary.
+        // A roof of two slopes of 8 × 4 squares; the parts are the slopes, so the boundary is the ridge.
         let roof: Vec<[f64; 3]> =
             (0..81).map(|k| [f64::from(k % 9), f64::from(k / 9), -(f64::from(k / 9) - 4.).abs()]).collect();
         let squares = (0..64).map(|k| k % 8 + 9 * (k / 8));
@@ -422,26 +422,26 @@ mod tests {
         let slopes: Vec<u32> = (0..128).map(|f| u32::from(f >= 64)).collect();
         let split = FaceSplit::of(&mesh, &slopes, &Run::new(&())).unwrap();
         assert!(split.pieces.is_empty() && split.vertices.is_empty());
-        // Across the ridge, in steps: the ends at the borders stay, and borders are not cut.
+        // A stepped boundary across the ridge: its ends on the border stay, and border edges are not cut.
         let steps: Vec<u32> = (0..128).map(|f| u32::from(f / 2 % 8 + f / 2 / 8 > 7)).collect();
         let split = FaceSplit::of(&mesh, &steps, &Run::new(&())).unwrap();
         assert!(!split.vertices.is_empty());
         let border = |v: u32| [0, 8].contains(&(v % 9)) || !(9..72).contains(&v);
         assert!(split.vertices.iter().all(|new| new.weights[2] > 0. || !(border(new.of[0]) && border(new.of[1]))));
-        // Squares stay whole, and so do triangles beside them where the boundary is theirs.
+        // Squares stay whole, and so do triangles next to them on that boundary.
         let quads: Vec<[u32; 4]> = squares.map(|a| [a, a + 1, a + 10, a + 9]).collect();
         let mesh = Mesh::from_slices(&roof, &quads).unwrap();
         let labels: Vec<u32> = (0..64).map(|f| u32::from(f % 8 + f / 8 > 7)).collect();
         let split = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
         assert!(split.pieces.is_empty() && split.polygons > 0);
-        // A part one face wide has no vertex inside: it is not lost.
+        // A part one face wide has no inner vertex, but must not be lost.
         let mesh = Mesh::from_slices(&roof, &halves).unwrap();
         let labels: Vec<u32> = (0..128).map(|f| u32::from(f / 2 % 8 == 3)).collect();
         let split = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
         assert_eq!(applied(&mesh, &labels, &split).1, labels);
     }
 
-    /// Files of STL and the like: every face has vertices of its own.
+    /// Soups such as STL files: every face has its own vertices.
     #[test]
     fn a_soup_is_split_like_the_mesh_that_it_shows() {
         let mut random = stream(9, "torus");
@@ -451,7 +451,7 @@ mod tests {
         let positions: Vec<[f64; 3]> = corners.iter().map(|&v| mesh.positions.get(v)).collect();
         let soup = Mesh::from_vecs(positions, (0..3600).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect()).unwrap();
         let split = FaceSplit::of(&soup, &labels, &Run::new(&())).unwrap();
-        // Pieces keep the vertices of their faces; edges have one new vertex for all.
+        // Pieces keep the vertices of their faces; copies of an edge share one new vertex.
         let old = split.pieces.iter().flat_map(|piece| piece.corners.map(|v| (piece.face, v)));
         assert!(old.filter(|&(_, v)| v < 10_800).all(|(face, v)| v / 3 == face));
         let (after, own) = applied(&soup, &labels, &split);
@@ -478,7 +478,7 @@ mod tests {
         let (plain, plain_labels) = applied(&mesh, &labels, &expected);
         let [a, b] = [boundary(&welded, &own).1, boundary(&plain, &plain_labels).1];
         assert!((a - b).abs() < 0.01 * b, "{a} {b}");
-        // As many places at a time as there is room for: five times a fifth.
+        // Positions are read in as many blocks as the budget requires: here five.
         let near = |face: u32| distance(soup.positions.get(3 * face), [4., 0., 0.]) < 0.5;
         let disc: Vec<u32> = (0..3600).map(|face| u32::from(near(face))).collect();
         let whole = FaceSplit::of(&soup, &disc, &Run::new(&())).unwrap();
@@ -488,7 +488,7 @@ mod tests {
         assert_eq!((blocks.vertices, blocks.pieces), (whole.vertices, whole.pieces));
     }
 
-    /// Repeated corners, edges of many faces, places that are none, and labels as they come.
+    /// Repeated corners, non-manifold edges, positions that are not finite, and arbitrary labels.
     #[test]
     fn the_oddest_meshes_are_split_without_a_crack() {
         let mut cuts = 0;
@@ -509,7 +509,7 @@ mod tests {
             let split = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
             let (after, own) = applied(&mesh, &labels, &split);
             assert_eq!((after.faces.len(), own.len()), (split.face_count(144), split.face_count(144)));
-            // No face has an edge whole that is cut.
+            // No face contains a cut edge as a whole.
             let on_edges = split.vertices.iter().filter(|new| new.weights[2] == 0.);
             let cut: BTreeSet<[u32; 2]> = on_edges.map(|new| [new.of[0], new.of[1]]).collect();
             for c in triangles(&after) {
@@ -532,7 +532,7 @@ mod tests {
         });
         let whole = FaceSplit::of(&mesh, &labels, &Run::new(&())).unwrap();
         assert!(whole.vertices.len() > 10);
-        // Three blocks of vertices, and no room to spare for the strip.
+        // Three blocks of vertices, and no spare memory for the strip.
         let small = Run { threads: 1, budget: Budget::new(84_000), ..Run::new(&()) };
         let blocks = FaceSplit::of(&mesh, &labels, &small).unwrap();
         assert_eq!((blocks.vertices, blocks.pieces), (whole.vertices, whole.pieces));
