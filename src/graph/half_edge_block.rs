@@ -2,8 +2,8 @@
 //!
 //! Within a block corners are counted from its first one, so a half-edge without its low vertex fits in one word: the
 //! high vertex, the corner, the direction. Two passes over the faces count the words of each low vertex and store them,
-//! and the half-dozen of each low vertex are insertion-sorted. This gives the order of [`Sorter`] with a third of its
-//! bytes. If a block's vertices lie far apart, as in a bad order, counting would cost more than it saves, and
+//! and the half-dozen words of each low vertex are insertion-sorted. This gives the order of [`Sorter`] with a third of
+//! its bytes. If a block's vertices lie far apart, as in a bad order, counting would cost more than it saves, and
 //! [`Sorter`] is used.
 //!
 //! Cost: about 20 ns per triangle.

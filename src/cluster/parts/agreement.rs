@@ -9,8 +9,8 @@
 //!
 //! It is reported, and [`super::ambiguous`] uses it to select patches. Cost: a pass over the cells.
 //!
-//! Also here: the certainty of a part ([`confidence`]), from the co-association, R², and the share of pairs of points
-//! on which people are expected to differ from a segmentation ([`disagreement`]).
+//! Also here: the certainty of a superface's label ([`confidence`]), in R² steps from the co-association, and the share
+//! of pairs of points on which people are expected to differ from a segmentation ([`disagreement`]).
 
 use super::cell_graph::class_sums;
 use super::ensemble::Superfaces;

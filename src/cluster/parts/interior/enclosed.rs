@@ -3,10 +3,10 @@
 //! An isosurface of a volume also shows the inside: the inner side of a shell, a brain within a skull, marrow within a
 //! bone. Measured as one surface, a shell has no thick and thin places, and half of its area is inside. So the cells
 //! visible from outside ([`super::exposure`]) are decided on alone. A hidden cell is the wall of a cavity if random
-//! walks through the solid, from ray to ray, soon reach a visible cell; it then follows the visible cell right behind
-//! it, so a hollow leg is one part including its inside, and a bone one part including its marrow. Otherwise it belongs
-//! to a body within. A minimum cut of the hidden cells separates the two kinds, so single cells do not decide. Bodies
-//! within are a layer of their own, to which the same procedure is applied, and so on.
+//! walks through the solid, from ray to ray, soon reach a visible cell; it then follows the visible cell on the other
+//! side of the wall, so a hollow leg is one part including its inside, and a bone one part including its marrow.
+//! Otherwise it belongs to a body within. A minimum cut of the hidden cells separates the two kinds, so single cells do
+//! not decide. Bodies within are a layer of their own, to which the same procedure is applied, and so on.
 //!
 //! Folds hide much of a surface too, but gradually. A cavity is dark right up to its openings, so a surface encloses
 //! something only if nearly all of its hidden area is dark. Cups and vases are open to the light.

@@ -1,4 +1,4 @@
-//! How exposed each cell is to the outside: ambient exposure, computed from the cells alone.
+//! How exposed each cell is to the outside: the complement of ambient occlusion, from the cells alone.
 //!
 //! The cells are drawn as discs from 98 directions, or from 26, and a cell is visible if no disc lies more than its own
 //! radius in front of its centre. Cells that no direction sees lie inside the surface. Small holes do not let light in,
