@@ -15,6 +15,7 @@
 //!   nearest to each), columns divided by their sums, G = Φ diag(a) Φᵀ. Positive by construction, so the indefiniteness
 //!   of the Gaussian does no harm; A itself is not inverted. ([`super::anchor`] builds the same graph over cells, in
 //!   `f64` and without a map in `f32`; shared code is there.)
+//!
 //! Cost of extrapolation: l exponentials and l·d multiply-adds per face, vectorised over faces.
 
 use super::affinity::{Degrees, KeptEigenpairs, landmark_affinities};
