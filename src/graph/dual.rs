@@ -177,7 +177,7 @@ impl DualGraph {
         let array = if computed { None } else { Some(context.work.array(nodes::FILE, &[mesh.faces.len(), 7])?) };
         let geometry = || match array {
             None => {
-                let from = FromMesh { mesh: mesh.clone(), frame, turned: MappedSlice::empty() };
+                let from = FromMesh { mesh: mesh.clone(), frame, flipped: MappedSlice::empty() };
                 Ok((NodeGeometry::computed(from), nodes::sums(mesh, &frame, context.run)?))
             }
             Some(array) => nodes::build(mesh, &frame, array, context.run).map(|(array, sums)| (array.into(), sums)),
@@ -209,7 +209,7 @@ impl DualGraph {
             degenerate_faces: sums.degenerate,
             unplaced_faces: sums.unplaced,
             stray_vertices: mesh.strays() as u64,
-            turned_faces: orientation.turned,
+            turned_faces: orientation.flipped,
             unoriented_edges: orientation.unsatisfied / 2,
             components: components.count() as u64,
             bridges: bridges.map_or(0, |bridges| bridges.items().len() as u64),

@@ -225,27 +225,27 @@ pub(super) struct FromMesh {
     pub mesh: Mesh,
     pub frame: Frame,
     /// One bit per face, set if its normal is flipped, 64 to a word, least bit first; empty if no face is.
-    pub turned: MappedSlice<u64>,
+    pub flipped: MappedSlice<u64>,
 }
 
 impl FromMesh {
     /// Whether the normal of face `face` is flipped.
     #[inline]
-    pub fn is_turned(&self, face: usize) -> bool {
-        self.turned.get(face / 64).is_some_and(|word| word >> (face % 64) & 1 == 1)
+    pub fn is_flipped(&self, face: usize) -> bool {
+        self.flipped.get(face / 64).is_some_and(|word| word >> (face % 64) & 1 == 1)
     }
 
     /// The node of face `face`. Not inlined, like the others, so that loops over arrays stay small.
     #[inline(never)]
     pub fn node(&self, face: usize) -> Node {
         let (node, _) = self.mesh.faces.with(face, |corners| Node::of_face(corners, &self.mesh, &self.frame));
-        self.turn(face, node)
+        self.flip(face, node)
     }
 
     /// Flips the normal of `node`, which follows the winding in the file, if `face` is marked.
     #[inline]
-    fn turn(&self, face: usize, mut node: Node) -> Node {
-        if self.is_turned(face) {
+    fn flip(&self, face: usize, mut node: Node) -> Node {
+        if self.is_flipped(face) {
             node.normal = node.normal.map(|x| 0. - x);
         }
         node
@@ -254,7 +254,7 @@ impl FromMesh {
     /// Calls `see` with the nodes of `range`, in order, in a loop without calls.
     #[inline]
     pub fn each_node(&self, range: Range<usize>, mut see: impl FnMut(usize, &Node)) {
-        nodes::each_node(&self.mesh, self.frame, range, |face, node, _| see(face, &self.turn(face, *node)));
+        nodes::each_node(&self.mesh, self.frame, range, |face, node, _| see(face, &self.flip(face, *node)));
     }
 
     /// The area of face `face`.
@@ -357,7 +357,7 @@ impl ComputedEdges {
             Some(k) => self.listed[k].2,
         };
         let flip =
-            !self.mesh.turned.is_empty() && self.mesh.is_turned(from as usize) != self.mesh.is_turned(to as usize);
+            !self.mesh.flipped.is_empty() && self.mesh.is_flipped(from as usize) != self.mesh.is_flipped(to as usize);
         if flip { -length } else { length }
     }
 }

@@ -33,7 +33,7 @@ const OPEN: f64 = 0.25;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OrientationFacts {
     /// Faces whose normals were flipped.
-    pub turned: u64,
+    pub flipped: u64,
     /// Directed entries whose faces still have contradicting winding.
     pub unsatisfied: u64,
 }
@@ -74,7 +74,7 @@ impl Sums {
     }
 
     /// Whether to flip the faces wound like the first one; otherwise the others are flipped.
-    fn turn(&self) -> bool {
+    fn flips_first(&self) -> bool {
         let area = self.area[0] + self.area[1];
         let majority = self.area[1] > self.area[0];
         if area <= 0. {
@@ -100,28 +100,28 @@ pub fn orient(
     context: Context<'_>,
 ) -> Result<(DualEdges, NodeGeometry, OrientationFacts)> {
     let sums = component_sums(&nodes, components, context)?;
-    let mut turn: ArrayMut<u8> = context.work.array("component_turn.tmp", &[components.count()])?;
-    turn.data().iter_mut().zip(sums.items()).for_each(|(turn, sums)| *turn = u8::from(sums.turn()));
+    let mut flips_first: ArrayMut<u8> = context.work.array("component_turn.tmp", &[components.count()])?;
+    flips_first.data().iter_mut().zip(sums.items()).for_each(|(slot, sums)| *slot = u8::from(sums.flips_first()));
     drop(sums);
-    let turn = turn.items();
-    if !components.mixed && !turn.contains(&1) {
+    let flips_first = flips_first.items();
+    if !components.mixed && !flips_first.contains(&1) {
         return Ok((edges, nodes, OrientationFacts::default()));
     }
     // Faces that contradict the first one are flipped exactly if the first one is not.
-    let turned_node = |node: usize| {
+    let is_flipped = |node: usize| {
         let link = components.root[node];
-        (turn[components.number(link, 0)] != 0) != (link & AGAINST != 0)
+        (flips_first[components.number(link, 0)] != 0) != (link & AGAINST != 0)
     };
     if let Some(mesh) = nodes.mesh() {
-        return turn_computed(edges, mesh, turned_node, context);
+        return flip_computed(edges, mesh, is_flipped, context);
     }
-    let (turned_nodes, turned) = turn_nodes(&nodes, turned_node, context)?;
+    let (flipped_nodes, flipped) = flip_nodes(&nodes, is_flipped, context)?;
     if !components.mixed {
-        return Ok((edges, turned_nodes, OrientationFacts { turned, unsatisfied: 0 }));
+        return Ok((edges, flipped_nodes, OrientationFacts { flipped, unsatisfied: 0 }));
     }
-    let (edge, unsatisfied) = turn_edges(&edges, turned_node, context)?;
+    let (edge, unsatisfied) = flip_edges(&edges, is_flipped, context)?;
     let edges = DualEdges { edge, mixed: unsatisfied > 0, ..edges };
-    Ok((edges, turned_nodes, OrientationFacts { turned, unsatisfied }))
+    Ok((edges, flipped_nodes, OrientationFacts { flipped, unsatisfied }))
 }
 
 /// The sums of each component.
@@ -165,37 +165,37 @@ fn component_sums(nodes: &NodeGeometry, components: &Components, context: Contex
     Ok(sums)
 }
 
-/// The nodes, with normals flipped where `turned_node` holds; also how many were flipped.
-fn turn_nodes(
+/// The nodes, with normals flipped where `is_flipped` holds; also how many were flipped.
+fn flip_nodes(
     nodes: &NodeGeometry,
-    turned_node: impl Fn(usize) -> bool + Sync,
+    is_flipped: impl Fn(usize) -> bool + Sync,
     context: Context<'_>,
 ) -> Result<(NodeGeometry, u64)> {
     let mut array = context.work.array::<Node>(nodes::FILE, &[nodes.len(), 7])?;
-    let turn = |k: usize, out: &mut [Node], (): &mut ()| {
+    let fill = |k: usize, out: &mut [Node], (): &mut ()| {
         let mut count = 0u64;
         for (slot, i) in out.iter_mut().zip(chunk_range(nodes.len(), nodes::CHUNK, k)) {
             *slot = nodes.at(i);
-            if turned_node(i) {
+            if is_flipped(i) {
                 slot.normal = slot.normal.map(|x| 0. - x);
                 count += 1;
             }
         }
         Ok(count)
     };
-    let counts = context.run.fill_chunks(array.data(), nodes::CHUNK, || (), turn)?;
+    let counts = context.run.fill_chunks(array.data(), nodes::CHUNK, || (), fill)?;
     Ok((array.finish(false)?.into(), counts.into_iter().sum()))
 }
 
 /// The lengths of shared edges, negative if the faces still contradict; also how many do. Edge by edge: flipping one of
 /// two faces changes whether they contradict.
-fn turn_edges(
+fn flip_edges(
     edges: &DualEdges,
-    turned_node: impl Fn(usize) -> bool + Sync,
+    is_flipped: impl Fn(usize) -> bool + Sync,
     context: Context<'_>,
 ) -> Result<(MappedSlice<f32>, u64)> {
     let mut lengths = context.work.array::<f32>(EDGES, &[edges.edge.len()])?;
-    let turn = |k: usize, out: &mut [f32], (): &mut ()| {
+    let fill = |k: usize, out: &mut [f32], (): &mut ()| {
         let mut count = 0u64;
         let first = k * nodes::CHUNK;
         let (mut row, mut span) = edges.starts.view().row_of(first);
@@ -206,28 +206,28 @@ fn turn_edges(
                 span = edges.starts.view().span(row as u32);
             }
             let edge = edges.edge[e];
-            let flip = turned_node(row) != turned_node(edges.indices[e] as usize);
+            let flip = is_flipped(row) != is_flipped(edges.indices[e] as usize);
             *slot = if flip { -edge } else { edge };
             count += u64::from(*slot < 0.);
         }
         Ok(count)
     };
-    let counts = context.run.fill_chunks(lengths.data(), nodes::CHUNK, || (), turn)?;
+    let counts = context.run.fill_chunks(lengths.data(), nodes::CHUNK, || (), fill)?;
     Ok((lengths.finish(false)?, counts.into_iter().sum()))
 }
 
-/// File of the bits of turned faces.
-const TURNED: &str = "node_turned.npy";
+/// File of the bits of flipped faces.
+const FLIPPED: &str = "node_turned.npy";
 
 /// The same if nodes and edges are computed from `mesh`: one bit per face.
-fn turn_computed(
+fn flip_computed(
     edges: DualEdges,
     mesh: &FromMesh,
-    turned_node: impl Fn(usize) -> bool + Sync,
+    is_flipped: impl Fn(usize) -> bool + Sync,
     context: Context<'_>,
 ) -> Result<(DualEdges, NodeGeometry, OrientationFacts)> {
     let n = mesh.mesh.faces.len();
-    let mut bits = context.work.array::<u64>(TURNED, &[n.div_ceil(64)])?;
+    let mut bits = context.work.array::<u64>(FLIPPED, &[n.div_ceil(64)])?;
     let counts = context.run.fill_chunks(
         bits.data(),
         nodes::CHUNK / 64,
@@ -238,13 +238,13 @@ fn turn_computed(
                 let faces = first + 64 * at..(first + 64 * at + 64).min(n);
                 *word = faces
                     .clone()
-                    .filter(|&face| turned_node(face))
+                    .filter(|&face| is_flipped(face))
                     .fold(0, |word, face| word | 1 << (face - faces.start));
             }
             Ok(out.iter().map(|word| u64::from(word.count_ones())).sum::<u64>())
         },
     )?;
-    let nodes = NodeGeometry::computed(FromMesh { turned: bits.finish(false)?, ..mesh.clone() });
+    let nodes = NodeGeometry::computed(FromMesh { flipped: bits.finish(false)?, ..mesh.clone() });
     let (Some(mesh), Some(computed)) = (nodes.mesh().cloned(), &edges.computed) else {
         return Err(Error::internal("edges and nodes of different kinds"));
     };
@@ -252,10 +252,10 @@ fn turn_computed(
         DualEdges { computed: Some(Arc::new(ComputedEdges { mesh, ..ComputedEdges::clone(computed) })), ..edges };
     let shared = edges.shared();
     let unsatisfied = context.run.map_ranges(n, nodes::CHUNK, |range| {
-        let against = |node: usize| shared.neighbours(node as u32).filter(|(_, edge)| *edge < 0.).count() as u64;
-        Ok(range.map(against).sum::<u64>())
+        let contradicting = |node: usize| shared.neighbours(node as u32).filter(|(_, edge)| *edge < 0.).count() as u64;
+        Ok(range.map(contradicting).sum::<u64>())
     })?;
-    let facts = OrientationFacts { turned: counts.into_iter().sum(), unsatisfied: unsatisfied.into_iter().sum() };
+    let facts = OrientationFacts { flipped: counts.into_iter().sum(), unsatisfied: unsatisfied.into_iter().sum() };
     Ok((edges, nodes, facts))
 }
 
@@ -271,30 +271,30 @@ mod tests {
         })
     }
 
-    fn turned(node: &Node) -> Node {
+    fn flipped(node: &Node) -> Node {
         Node { normal: node.normal.map(|x| -x), ..*node }
     }
 
-    /// Whether the first of these faces is turned, each with whether it is wound against the first.
-    fn turn(faces: impl IntoIterator<Item = (Node, bool)>) -> bool {
+    /// Whether the first of these faces is flipped, each with whether it is wound against the first.
+    fn flips_first(faces: impl IntoIterator<Item = (Node, bool)>) -> bool {
         let mut sums = Sums::default();
         faces.into_iter().for_each(|(node, against)| sums.add(&node, against));
-        sums.turn()
+        sums.flips_first()
     }
 
     #[test]
     fn what_encloses_a_volume_is_wound_outward_wherever_it_lies() {
-        assert!(!turn(cup().map(|node| (node, false))));
-        assert!(turn(cup().map(|node| (turned(&node), false))));
+        assert!(!flips_first(cup().map(|node| (node, false))));
+        assert!(flips_first(cup().map(|node| (flipped(&node), false))));
         // One face against the others, whose majority does not matter.
         for odd in 1..5 {
             let mut k = 0..5;
-            let face = |node| if k.next() == Some(odd) { (turned(&node), true) } else { (node, false) };
-            assert!(!turn(cup().map(face)));
+            let face = |node| if k.next() == Some(odd) { (flipped(&node), true) } else { (node, false) };
+            assert!(!flips_first(cup().map(face)));
         }
         let mut k = 0..5;
-        let most_against = |node| if k.next() == Some(0) { (node, false) } else { (turned(&node), true) };
-        assert!(!turn(cup().map(most_against)));
+        let most_against = |node| if k.next() == Some(0) { (node, false) } else { (flipped(&node), true) };
+        assert!(!flips_first(cup().map(most_against)));
     }
 
     /// Regression: a room was turned inside out, so its walls were cut where they are convex, and furniture was joined
@@ -302,12 +302,12 @@ mod tests {
     #[test]
     fn what_is_wide_open_keeps_the_direction_of_its_file() {
         // Floor and three walls, seen from within.
-        let room: Vec<(Node, bool)> = cup()[1..].iter().map(|node| (turned(node), false)).collect();
-        assert!(!turn(room.clone()));
+        let room: Vec<(Node, bool)> = cup()[1..].iter().map(|node| (flipped(node), false)).collect();
+        assert!(!flips_first(room.clone()));
         // One wall against the others.
         let mut k = 0..4;
-        assert!(!turn(room.into_iter().map(|(node, _)| if k.next() == Some(2) {
-            (turned(&node), true)
+        assert!(!flips_first(room.into_iter().map(|(node, _)| if k.next() == Some(2) {
+            (flipped(&node), true)
         } else {
             (node, false)
         })));
@@ -316,9 +316,9 @@ mod tests {
     #[test]
     fn what_encloses_nothing_is_wound_as_most_of_its_area_is() {
         let face = |area| Node { centroid: [1., 2., 3.], normal: [0., 0., 1.], area };
-        assert!(turn([(face(1.), false), (turned(&face(2.)), true)]));
-        assert!(!turn([(face(2.), false), (turned(&face(1.)), true)]));
-        assert!(!turn([(face(1.), false), (turned(&face(1.)), true)]));
-        assert!(!turn([(face(0.), false), (face(0.), true)]));
+        assert!(flips_first([(face(1.), false), (flipped(&face(2.)), true)]));
+        assert!(!flips_first([(face(2.), false), (flipped(&face(1.)), true)]));
+        assert!(!flips_first([(face(1.), false), (flipped(&face(1.)), true)]));
+        assert!(!flips_first([(face(0.), false), (face(0.), true)]));
     }
 }
