@@ -10,7 +10,7 @@
 
 use super::csr::INDICES;
 use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, Entry, RowScratch};
-use super::half_edge_pairs::{AGAINST, AcrossCorner, HalfEdgePair, HalfEdgePairs, NO_NODE};
+use super::half_edge_pairs::{AcrossCorner, HalfEdgePair, HalfEdgePairs, NO_NODE, OPPOSITE_WINDING};
 use super::node_geometry::NodeGeometry;
 use super::nodes::{Frame, Node};
 use super::row_starts::StartsForm;
@@ -91,13 +91,13 @@ struct Rows<'a> {
 /// The number of different nodes among those `across` the edges of a face.
 #[inline]
 fn degree(across: &[AcrossCorner]) -> u32 {
-    let node = |k: usize| across[k].node() & !AGAINST;
+    let node = |k: usize| across[k].node() & !OPPOSITE_WINDING;
     if across.len() == 3 {
         let [a, b, c] = [node(0), node(1), node(2)];
-        let none = NO_NODE & !AGAINST;
+        let none = NO_NODE & !OPPOSITE_WINDING;
         return u32::from(a != none) + u32::from((b != none) & (b != a)) + u32::from((c != none) & (c != a) & (c != b));
     }
-    let mut all: Vec<u32> = (0..across.len()).map(node).filter(|node| *node != NO_NODE & !AGAINST).collect();
+    let mut all: Vec<u32> = (0..across.len()).map(node).filter(|node| *node != NO_NODE & !OPPOSITE_WINDING).collect();
     all.sort_unstable();
     all.dedup();
     all.len() as u32
@@ -130,7 +130,7 @@ impl SimdKernel for Assembled<'_> {
             let span = mesh.faces.corner_range(face);
             if let (Some([a, b, c]), [x, y, z]) = (triangle(face), &across[span.clone()]) {
                 let links = [x.node(), y.node(), z.node()];
-                let near = [links[0] & !AGAINST, links[1] & !AGAINST, links[2] & !AGAINST];
+                let near = [links[0] & !OPPOSITE_WINDING, links[1] & !OPPOSITE_WINDING, links[2] & !OPPOSITE_WINDING];
                 let three = (near[0] != near[1]) & (near[1] != near[2]) & (near[0] != near[2]);
                 let found = (nodes.get(near[0] as usize), nodes.get(near[1] as usize), nodes.get(near[2] as usize));
                 if let (Some(x), Some(y), Some(z)) = found
@@ -142,7 +142,7 @@ impl SimdKernel for Assembled<'_> {
                     if length[0].is_finite() & length[1].is_finite() & length[2].is_finite() {
                         let places = ranks(near);
                         for k in 0..3 {
-                            let edge = if links[k] >= AGAINST { -edge[k] } else { edge[k] };
+                            let edge = if links[k] >= OPPOSITE_WINDING { -edge[k] } else { edge[k] };
                             mixed |= edge < 0.;
                             let e = at + places[k];
                             (out.indices[e], out.lengths[e], out.edges[e]) = (near[k], length[k], edge);

@@ -14,7 +14,7 @@
 
 use super::component_blocks::find_roots;
 use super::dual_edges::DualEdges;
-use super::half_edge_pairs::AGAINST;
+use super::half_edge_pairs::OPPOSITE_WINDING;
 use super::node_geometry::NodeGeometry;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::union_find::{ParityForest, flatten};
@@ -32,7 +32,7 @@ const SUMMED: usize = 1 << 15;
 /// The components of a graph.
 #[derive(Debug)]
 pub struct Components {
-    /// For each node the first node of its component, with [`AGAINST`] if their windings disagree (n).
+    /// For each node the first node of its component, with [`OPPOSITE_WINDING`] if their windings disagree (n).
     pub root: MappedSlice<u32>,
     /// Whether any edge joins faces of contradicting winding.
     pub mixed: bool,
@@ -69,7 +69,7 @@ impl Several {
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
     pub fn of(root: &[u32], nodes: &NodeGeometry, context: Context<'_>) -> Result<Option<Self>> {
         let (run, n) = (context.run, root.len());
-        let firsts = |range: std::ops::Range<usize>| range.filter(|&i| (root[i] & !AGAINST) as usize == i);
+        let firsts = |range: std::ops::Range<usize>| range.filter(|&i| (root[i] & !OPPOSITE_WINDING) as usize == i);
         let counts = run.map_ranges(n, CHUNK, |range| Ok(firsts(range).count()))?;
         let count: usize = counts.iter().sum();
         if count < 2 {
@@ -88,7 +88,7 @@ impl Several {
         let sum = |k: usize, (): &mut ()| {
             let mut runs: Vec<(u32, u32, f64)> = Vec::new();
             nodes.view().each(chunk_range(n, SUMMED, k), |i, node| {
-                let root = root[i] & !AGAINST;
+                let root = root[i] & !OPPOSITE_WINDING;
                 match runs.last_mut() {
                     Some(run) if run.0 == root => *run = (root, run.1 + 1, run.2 + f64::from(node.area)),
                     _ => runs.push((root, 1, f64::from(node.area))),
@@ -127,7 +127,7 @@ impl Several {
     /// [`Components::number`].
     #[inline]
     pub fn number(&self, link: u32, near: usize) -> usize {
-        let (first, root) = (self.first.items(), link & !AGAINST);
+        let (first, root) = (self.first.items(), link & !OPPOSITE_WINDING);
         // Consecutive nodes are mostly in the same component, or in the next one.
         if first.get(near) == Some(&root) {
             return near;
@@ -182,9 +182,9 @@ fn node_by_node(edges: &DualEdges, parent: &mut [u32], cancel: &Cancel) -> Resul
         let (mut mine, mut my_parity) = (i, 0);
         // Rows ascend, and each edge is handled at its later node.
         for (e, near) in graph.entries(i).take_while(|(_, near)| *near < i) {
-            let against = if graph.against(i, e) { AGAINST } else { 0 };
-            mixed |= against != 0;
-            (mine, my_parity) = parents.join((mine, my_parity), near, against);
+            let opposite_winding = if graph.opposite_winding(i, e) { OPPOSITE_WINDING } else { 0 };
+            mixed |= opposite_winding != 0;
+            (mine, my_parity) = parents.join((mine, my_parity), near, opposite_winding);
         }
     }
     flatten(parents.into_parents(), cancel)?;

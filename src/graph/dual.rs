@@ -10,7 +10,7 @@ use super::bridges::{self, find_bridges};
 use super::components::{self, find_components};
 use super::csr::{INDICES, WEIGHTS, WEIGHTS_STAGE, WeightedGraph};
 use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, assemble};
-use super::half_edge_pairs::{AGAINST, WithinNeeds};
+use super::half_edge_pairs::{OPPOSITE_WINDING, WithinNeeds};
 use super::node_blocks::NodeBlocks;
 use super::node_geometry::{FromMesh, NodeGeometry};
 use super::nodes::{self, Frame, Node};
@@ -238,7 +238,7 @@ impl DualGraph {
         }
         let components = if facts.components > 1 { Some(work.array_of::<u32>(components::FILE, n)?) } else { None };
         if let Some(roots) = &components
-            && !all_below(roots.iter().map(|root| root & !AGAINST), n)
+            && !all_below(roots.iter().map(|root| root & !OPPOSITE_WINDING), n)
         {
             return Err(work.damaged(components::FILE, format!("has indices that are not below {n}")));
         }

@@ -297,7 +297,7 @@ impl RowScratch {
             let slot = pair.corner as usize - first;
             let end = if slot + 1 == held.len() { 0 } else { slot + 1 };
             let mut entry = step(own, &node(pair.to()), pair.to(), [held[slot], held[end]]);
-            if pair.against() {
+            if pair.opposite_winding() {
                 entry.edge = -entry.edge;
             }
             entry

@@ -24,8 +24,8 @@ use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 
 /// The bit of [`HalfEdgePair::node`] that marks contradicting winding: both faces traverse the edge in the same
 /// direction. Nodes use the other 31 bits: see [`crate::mesh::geometry::MOST_FACES`].
-pub const AGAINST: u32 = PARITY;
-/// No pair, in the table; never the number of a node, with or without [`AGAINST`].
+pub const OPPOSITE_WINDING: u32 = PARITY;
+/// No pair, in the table; never the number of a node, with or without [`OPPOSITE_WINDING`].
 pub(super) const NO_NODE: u32 = u32::MAX;
 /// The node across a corner's edge, or [`NO_NODE`]. Stored as its complement, so that zeroed memory means no node and
 /// untouched pages stay untouched.
@@ -54,7 +54,7 @@ const CHUNK: usize = 1 << 14;
 pub struct HalfEdgePair {
     /// Corner number in the mesh; its face is where the step starts.
     pub corner: u32,
-    /// The node on the other side, with [`AGAINST`] if its winding contradicts.
+    /// The node on the other side, with [`OPPOSITE_WINDING`] if its winding contradicts.
     pub node: u32,
 }
 
@@ -62,19 +62,19 @@ impl HalfEdgePair {
     /// One direction of a match.
     #[inline]
     fn of(found: Match) -> Self {
-        Self { corner: found.corner, node: found.to as u32 | if found.against { AGAINST } else { 0 } }
+        Self { corner: found.corner, node: found.to as u32 | if found.opposite_winding { OPPOSITE_WINDING } else { 0 } }
     }
 
     /// The node on the other side.
     #[inline]
     pub fn to(&self) -> u32 {
-        self.node & !AGAINST
+        self.node & !OPPOSITE_WINDING
     }
 
     /// Whether the windings of the two faces contradict.
     #[inline]
-    pub fn against(&self) -> bool {
-        self.node & AGAINST != 0
+    pub fn opposite_winding(&self) -> bool {
+        self.node & OPPOSITE_WINDING != 0
     }
 }
 

@@ -167,7 +167,7 @@ pub(super) struct Match {
     /// The face on the other side.
     pub to: usize,
     /// Whether both faces traverse the edge in the same direction.
-    pub against: bool,
+    pub opposite_winding: bool,
 }
 
 /// Joins the faces of consecutive sides in both directions, in ascending corner order, if `apart(face, next)`.
@@ -183,9 +183,9 @@ pub(super) fn chain(
         if let Some((before, other)) = last
             && apart(other, face)
         {
-            let against = before.ascending == side.ascending;
-            join(Match { corner: before.corner, from: other, to: face, against })?;
-            join(Match { corner: side.corner, from: face, to: other, against })?;
+            let opposite_winding = before.ascending == side.ascending;
+            join(Match { corner: before.corner, from: other, to: face, opposite_winding })?;
+            join(Match { corner: side.corner, from: face, to: other, opposite_winding })?;
         }
         last = Some((side, face));
     }

@@ -271,7 +271,7 @@ fn keyed_by_position(mesh: &Mesh, corner: u32) -> Option<OpenHalfEdge> {
 mod tests {
     use super::*;
     use crate::base::random::{below, stream};
-    use crate::graph::half_edge_pairs::AGAINST;
+    use crate::graph::half_edge_pairs::OPPOSITE_WINDING;
     use crate::store::{Budget, WorkDir};
     use std::collections::BTreeMap;
 
@@ -290,7 +290,7 @@ mod tests {
         for sides in edges.values() {
             for two in sides.windows(2).filter(|two| two[0].1 != two[1].1) {
                 for (side, other) in [(two[0], two[1]), (two[1], two[0])] {
-                    pairs.push((side.0, other.1 as u32 | if side.2 == other.2 { AGAINST } else { 0 }));
+                    pairs.push((side.0, other.1 as u32 | if side.2 == other.2 { OPPOSITE_WINDING } else { 0 }));
                 }
             }
         }

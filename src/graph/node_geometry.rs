@@ -280,23 +280,23 @@ impl FromMesh {
     /// there is none.
     #[inline(never)]
     pub fn shared(&self, edges: &FaceEdges, to: usize) -> f32 {
-        let (length, against) = match edges {
+        let (length, opposite_winding) = match edges {
             FaceEdges::Triangle(corners, lengths) => {
                 let found = self.mesh.faces.with(to, |other| common_edge(corners, other));
-                let Some((k, against)) = found else { return 0. };
-                (lengths[k], against)
+                let Some((k, opposite_winding)) = found else { return 0. };
+                (lengths[k], opposite_winding)
             }
             &FaceEdges::Polygon(from) => {
                 let found = self.mesh.faces.with(from, |a| {
-                    let (k, against) = self.mesh.faces.with(to, |b| common_edge(a, b))?;
-                    Some(([a[k], a[after(k, a.len())]], against))
+                    let (k, opposite_winding) = self.mesh.faces.with(to, |b| common_edge(a, b))?;
+                    Some(([a[k], a[after(k, a.len())]], opposite_winding))
                 });
-                let Some((ends, against)) = found else { return 0. };
+                let Some((ends, opposite_winding)) = found else { return 0. };
                 let [a, b] = ends.map(|v| self.frame.place(self.mesh.positions.get(v)));
-                (distance(a, b) as f32, against)
+                (distance(a, b) as f32, opposite_winding)
             }
         };
-        if against { -length } else { length }
+        if opposite_winding { -length } else { length }
     }
 }
 
@@ -410,7 +410,7 @@ impl<'a> SharedEdges<'a> {
 
     /// Whether the length at entry `e`, which is in the row of `node`, is negative.
     #[inline(always)]
-    pub fn against(self, node: u32, e: usize) -> bool {
+    pub fn opposite_winding(self, node: u32, e: usize) -> bool {
         self.mixed && self.length(node, e) < 0.
     }
 }
@@ -446,7 +446,10 @@ mod tests {
             assert_eq!(a, b, "{name}, row {i}");
             let shared = computed.edges.shared();
             for ((e, to), (near, length)) in shared.entries(i as u32).zip(b) {
-                assert_eq!((to, shared.length(i as u32, e), shared.against(i as u32, e)), (near, length, length < 0.));
+                assert_eq!(
+                    (to, shared.length(i as u32, e), shared.opposite_winding(i as u32, e)),
+                    (near, length, length < 0.)
+                );
             }
         }
         assert!(kept.edges.centroid_distance[..] == computed.edges.centroid_distance[..]);

@@ -12,7 +12,7 @@
 
 use super::components::Components;
 use super::dual_edges::{DualEdges, EDGES};
-use super::half_edge_pairs::AGAINST;
+use super::half_edge_pairs::OPPOSITE_WINDING;
 use super::node_geometry::{ComputedEdges, FromMesh, NodeGeometry};
 use super::nodes::{self, Node};
 use crate::base::parallel::{chunk_count, chunk_range};
@@ -58,13 +58,13 @@ impl Item for Sums {
 
 impl Sums {
     #[inline(always)]
-    fn add(&mut self, node: &Node, against: bool) {
-        let sign = if against { -1. } else { 1. };
+    fn add(&mut self, node: &Node, opposite_winding: bool) {
+        let sign = if opposite_winding { -1. } else { 1. };
         let area = f64::from(node.area);
-        // No indexing by `against`: it would force the sums into memory and make each addition wait for the previous
-        // store.
-        self.area[0] += if against { 0. } else { area };
-        self.area[1] += if against { area } else { 0. };
+        // No indexing by `opposite_winding`: it would force the sums into memory and make each addition wait for the
+        // previous store.
+        self.area[0] += if opposite_winding { 0. } else { area };
+        self.area[1] += if opposite_winding { area } else { 0. };
         for axis in 0..3 {
             let (c, n) = (f64::from(node.centroid[axis]), sign * f64::from(node.normal[axis]));
             self.vector[axis] += area * n;
@@ -110,7 +110,7 @@ pub fn orient(
     // Faces that contradict the first one are flipped exactly if the first one is not.
     let is_flipped = |node: usize| {
         let link = components.root[node];
-        (flips_first[components.number(link, 0)] != 0) != (link & AGAINST != 0)
+        (flips_first[components.number(link, 0)] != 0) != (link & OPPOSITE_WINDING != 0)
     };
     if let Some(mesh) = nodes.mesh() {
         return flip_computed(edges, mesh, is_flipped, context);
@@ -132,12 +132,12 @@ fn component_sums(nodes: &NodeGeometry, components: &Components, context: Contex
     let mut number = 0;
     let mut add = |links: &[u32], some: &[Node]| {
         let mut done = 0;
-        for links in links.chunk_by(|a, b| a & !AGAINST == b & !AGAINST) {
+        for links in links.chunk_by(|a, b| a & !OPPOSITE_WINDING == b & !OPPOSITE_WINDING) {
             number = components.number(links[0], number);
             // A local copy, which stays in registers.
             let mut sums = of_components[number];
             for (link, node) in links.iter().zip(&some[done..]) {
-                sums.add(node, link & AGAINST != 0);
+                sums.add(node, link & OPPOSITE_WINDING != 0);
             }
             of_components[number] = sums;
             done += links.len();
@@ -278,7 +278,7 @@ mod tests {
     /// Whether the first of these faces is flipped, each with whether it is wound against the first.
     fn flips_first(faces: impl IntoIterator<Item = (Node, bool)>) -> bool {
         let mut sums = Sums::default();
-        faces.into_iter().for_each(|(node, against)| sums.add(&node, against));
+        faces.into_iter().for_each(|(node, opposite_winding)| sums.add(&node, opposite_winding));
         sums.flips_first()
     }
 

@@ -133,9 +133,9 @@ struct Scale {
 
 /// η (1 − cos θ), 0 beside a degenerate face.
 #[inline(always)]
-fn turning(a: Side<'_>, b: Side<'_>, eta: f32, against: bool) -> f32 {
+fn turning(a: Side<'_>, b: Side<'_>, eta: f32, opposite_winding: bool) -> f32 {
     // Branch-free: which edges are concave is practically random.
-    let turning = 0.5 * chord2(*a.normal, *b.normal) * if against | a.leans_to(b) { 1. } else { eta };
+    let turning = 0.5 * chord2(*a.normal, *b.normal) * if opposite_winding | a.leans_to(b) { 1. } else { eta };
     if (a.area > 0.) & (b.area > 0.) { turning } else { 0. }
 }
 
@@ -167,13 +167,13 @@ impl Weighting<'_> {
         // A branch-free loop for each form. Where no orientation exists, turning counts as concave.
         match self.metric {
             Metric::Geodesic => self.fill(out, run, |_, _, length, _| length * unit),
-            Metric::ScaleFree { eta, .. } => self.fill(out, run, |a, b, length, against| {
-                let turn = if against | a.leans_to(b) { 1. } else { eta };
+            Metric::ScaleFree { eta, .. } => self.fill(out, run, |a, b, length, opposite_winding| {
+                let turn = if opposite_winding | a.leans_to(b) { 1. } else { eta };
                 length * unit + angle * between(*a.normal, *b.normal) * turn
             }),
-            Metric::Paper { eta, .. } => {
-                self.fill(out, run, |a, b, length, against| length * unit + angle * turning(a, b, eta, against))
-            }
+            Metric::Paper { eta, .. } => self.fill(out, run, |a, b, length, opposite_winding| {
+                length * unit + angle * turning(a, b, eta, opposite_winding)
+            }),
         }?;
         array.finish(false)
     }
@@ -205,7 +205,7 @@ impl Weighting<'_> {
                     let i = e - first;
                     let near = indices[i] as usize;
                     let to = Side::with(window.look(near, two), normals, near);
-                    out[i] = weight(own, to, lengths[i], edge.against(row as u32, e)).max(LEAST);
+                    out[i] = weight(own, to, lengths[i], edge.opposite_winding(row as u32, e)).max(LEAST);
                 }
             });
             Ok(())
@@ -246,7 +246,7 @@ impl Weighting<'_> {
                 for e in span {
                     let near = edges.indices[e] as usize;
                     let to = Side::of(window.look(near, two));
-                    let turning = turning(own, to, eta, edge.against(i as u32, e));
+                    let turning = turning(own, to, eta, edge.opposite_winding(i as u32, e));
                     // Each edge once. Adding 0 changes no sum, and a branch would be mispredicted half of the time.
                     let once = near > i;
                     length += if once { f64::from(edges.weights[e]) } else { 0. };
