@@ -12,7 +12,7 @@ use super::csr::{INDICES, WEIGHTS, WEIGHTS_STAGE, WeightedGraph};
 use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, assemble};
 use super::half_edge_pairs::{OPPOSITE_WINDING, WithinNeeds};
 use super::node_blocks::NodeBlocks;
-use super::node_geometry::{FromMesh, NodeGeometry};
+use super::node_geometry::{ComputedGeometry, NodeGeometry};
 use super::nodes::{self, Frame, Node};
 use super::orient::orient;
 use super::row_starts::{BLOCKS, LONG_ROWS, StartsForm};
@@ -177,7 +177,7 @@ impl DualGraph {
         let array = if computed { None } else { Some(context.work.array(nodes::FILE, &[mesh.faces.len(), 7])?) };
         let geometry = || match array {
             None => {
-                let from = FromMesh { mesh: mesh.clone(), frame, flipped: MappedSlice::empty() };
+                let from = ComputedGeometry { mesh: mesh.clone(), frame, flipped: MappedSlice::empty() };
                 Ok((NodeGeometry::computed(from), nodes::sums(mesh, &frame, context.run)?))
             }
             Some(array) => nodes::build(mesh, &frame, array, context.run).map(|(array, sums)| (array.into(), sums)),

@@ -3,7 +3,7 @@
 //!
 //! Arrays cost 40 bytes per triangle: 28 of nodes, 12 of shared edges. If a mesh is larger than memory, they cost more
 //! to read than the mesh's own 18 bytes, from which both follow in 10 to 20 ns per access. So such a mesh is not
-//! copied: [`FromMesh`] computes the same numbers to the bit, with the same functions. A few edges cannot be computed
+//! copied: [`ComputedGeometry`] computes the same numbers to the bit, with the same functions. A few edges cannot be computed
 //! from two faces alone (welded ones, edges shared twice, some of non-manifold meshes); these are listed.
 
 use super::nodes::{self, Frame, Node};
@@ -25,17 +25,17 @@ const CHUNK: usize = 1 << 15;
 #[derive(Clone, Debug)]
 pub struct NodeGeometry {
     array: MappedSlice<Node>,
-    mesh: Option<Arc<FromMesh>>,
+    mesh: Option<Arc<ComputedGeometry>>,
 }
 
 impl NodeGeometry {
     /// Computed from `mesh` at each access.
-    pub(super) fn computed(mesh: FromMesh) -> Self {
+    pub(super) fn computed(mesh: ComputedGeometry) -> Self {
         Self { array: MappedSlice::empty(), mesh: Some(Arc::new(mesh)) }
     }
 
     /// The mesh it is computed from; `None` if it is stored.
-    pub(super) fn mesh(&self) -> Option<&Arc<FromMesh>> {
+    pub(super) fn mesh(&self) -> Option<&Arc<ComputedGeometry>> {
         self.mesh.as_ref()
     }
 
@@ -93,7 +93,7 @@ pub struct NodeView<'a>(Look<'a>);
 #[derive(Clone, Copy, Debug)]
 enum Look<'a> {
     Array(&'a [Node]),
-    Mesh(&'a FromMesh),
+    Mesh(&'a ComputedGeometry),
 }
 
 impl<'a> NodeView<'a> {
@@ -221,14 +221,14 @@ impl From<MappedSlice<Node>> for NodeGeometry {
 
 /// A mesh in its frame, and which of its faces are flipped.
 #[derive(Clone, Debug)]
-pub(super) struct FromMesh {
+pub(super) struct ComputedGeometry {
     pub mesh: Mesh,
     pub frame: Frame,
     /// One bit per face, set if its normal is flipped, 64 to a word, least bit first; empty if no face is.
     pub flipped: MappedSlice<u64>,
 }
 
-impl FromMesh {
+impl ComputedGeometry {
     /// Whether the normal of face `face` is flipped.
     #[inline]
     pub fn is_flipped(&self, face: usize) -> bool {
@@ -335,12 +335,12 @@ fn common_edge(a: &[u32], b: &[u32]) -> Option<(usize, bool)> {
 /// Edges between faces, computed from the mesh except for those that are listed.
 #[derive(Clone, Debug)]
 pub(super) struct ComputedEdges {
-    pub mesh: Arc<FromMesh>,
+    pub mesh: Arc<ComputedGeometry>,
     /// From, to and length as matched, before faces were flipped; ascending.
     pub listed: Arc<[ListedEdge]>,
 }
 
-/// An edge whose length [`FromMesh::shared`] cannot compute.
+/// An edge whose length [`ComputedGeometry::shared`] cannot compute.
 pub(super) type ListedEdge = (u32, u32, f32);
 
 impl ComputedEdges {

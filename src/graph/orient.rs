@@ -13,7 +13,7 @@
 use super::components::Components;
 use super::dual_edges::{DualEdges, EDGES};
 use super::half_edge_pairs::OPPOSITE_WINDING;
-use super::node_geometry::{ComputedEdges, FromMesh, NodeGeometry};
+use super::node_geometry::{ComputedEdges, ComputedGeometry, NodeGeometry};
 use super::nodes::{self, Node};
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::length;
@@ -222,7 +222,7 @@ const FLIPPED: &str = "node_turned.npy";
 /// The same if nodes and edges are computed from `mesh`: one bit per face.
 fn flip_computed(
     edges: DualEdges,
-    mesh: &FromMesh,
+    mesh: &ComputedGeometry,
     is_flipped: impl Fn(usize) -> bool + Sync,
     context: Context<'_>,
 ) -> Result<(DualEdges, NodeGeometry, OrientationFacts)> {
@@ -244,7 +244,7 @@ fn flip_computed(
             Ok(out.iter().map(|word| u64::from(word.count_ones())).sum::<u64>())
         },
     )?;
-    let nodes = NodeGeometry::computed(FromMesh { flipped: bits.finish(false)?, ..mesh.clone() });
+    let nodes = NodeGeometry::computed(ComputedGeometry { flipped: bits.finish(false)?, ..mesh.clone() });
     let (Some(mesh), Some(computed)) = (nodes.mesh().cloned(), &edges.computed) else {
         return Err(Error::internal("edges and nodes of different kinds"));
     };
