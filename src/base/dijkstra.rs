@@ -37,14 +37,14 @@ length!(f32, u32);
 length!(f64, u64);
 
 /// Lowers each entry of `field` (n) to the distance of the node from the nearest of `sources`, where that is smaller
-/// and below `limit`. `steps` lists the neighbours of a node with the lengths of the edges to them; `settle` is called
+/// and below `limit`. `steps` lists the neighbours of a node with the lengths of the edges to them; `on_settled` is called
 /// with each node whose distance was lowered, nearest first.
 pub fn shortest_paths<L: Length, S: Iterator<Item = (u32, L)>>(
     sources: &[u32],
     steps: impl Fn(u32) -> S,
     limit: L,
     field: &mut [L],
-    mut settle: impl FnMut(u32),
+    mut on_settled: impl FnMut(u32),
 ) {
     let mut queue = BinaryHeap::new();
     for &source in sources {
@@ -56,7 +56,7 @@ pub fn shortest_paths<L: Length, S: Iterator<Item = (u32, L)>>(
         if length > field[node as usize] {
             continue;
         }
-        settle(node);
+        on_settled(node);
         for (to, step) in steps(node) {
             let through = length + step;
             if through < field[to as usize] && through < limit {

@@ -191,7 +191,7 @@ impl Tally {
     }
 
     /// Records the result of a mesh.
-    fn settle(&mut self, number: usize, job: &Job, result: Result<Report>, seconds: f64) {
+    fn record_result(&mut self, number: usize, job: &Job, result: Result<Report>, seconds: f64) {
         let written = match result {
             Ok(report) => {
                 let line = job.line(&report, seconds);
@@ -329,7 +329,7 @@ impl Batch<'_> {
         {
             self.bars.complain(&job.mesh, &message(error), file_of(error));
         }
-        lock(&self.tally).settle(k, job, result, seconds);
+        lock(&self.tally).record_result(k, job, result, seconds);
     }
 
     /// Reports the result of the batch, which started at `start`.

@@ -190,7 +190,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let corrections = corrections(placed.as_ref(), painted);
     let mut result = segment_corrected(&opened, &identity, params, corrections, Context::new(&work, run))?;
     if let (Some(like), Some(carried)) = (like, &mut carried) {
-        result = like::settle(result, carried, like.reference(), Context::new(&work, run))?;
+        result = like::apply_reference_numbering(result, carried, like.reference(), Context::new(&work, run))?;
     }
     if give_names(&mut result.names, args.edits.names.as_deref(), result.colours.len())? {
         labels::keep(&result, Context::new(&work, run))?;

@@ -285,7 +285,7 @@ impl Front {
     ) -> Result<Visits> {
         field.fill(f32::INFINITY);
         let (visits, ties) = self.front_with_labels(graph, sources, field, label, cancel)?;
-        if ties.settle(graph, field, label, false, cancel)? {
+        if ties.correct_labels(graph, field, label, false, cancel)? {
             return Ok(visits);
         }
         // A second front over the final distances: only labels change, and none can become stale.
@@ -343,7 +343,7 @@ impl Front {
     ) -> Result<Visits> {
         let mut nearest = NearestSource::new(label, graph);
         let visits = self.lowered(graph, sources, field, &mut nearest, cancel)?;
-        if nearest.into_ties().settle(graph, field, label, self.is_paged(), cancel)? {
+        if nearest.into_ties().correct_labels(graph, field, label, self.is_paged(), cancel)? {
             return Ok(visits);
         }
         // As in `nearest_source`.

@@ -71,7 +71,7 @@ impl Ties {
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
-    pub(super) fn settle(
+    pub(super) fn correct_labels(
         mut self,
         graph: Csr<'_>,
         field: &[f32],
@@ -92,13 +92,13 @@ impl Ties {
             }
         };
         access(Access::Random, label);
-        let settled = settle(graph, &self.nodes, field, label, paged, cancel);
+        let corrected = correct_labels(graph, &self.nodes, field, label, paged, cancel);
         access(Access::Local, label);
-        settled
+        corrected
     }
 }
 
-fn settle(
+fn correct_labels(
     graph: Csr<'_>,
     ties: &[u32],
     field: &[f32],
@@ -154,7 +154,7 @@ mod tests {
     use crate::graph::OwnedRowStarts;
 
     /// The result for `label` on a path of nodes with these weights, with `ties` at these nodes.
-    fn settled(steps: &[f32], field: &[f32], label: &[u32], ties: Ties) -> (bool, Vec<u32>) {
+    fn corrected(steps: &[f32], field: &[f32], label: &[u32], ties: Ties) -> (bool, Vec<u32>) {
         let n = field.len();
         let beside = |i: usize| [i.checked_sub(1), (i + 1 < n).then_some(i + 1)].into_iter().flatten();
         let starts = OwnedRowStarts::of((0..n).map(|i| beside(i).count()));
@@ -162,7 +162,7 @@ mod tests {
         let weights: Vec<f32> = (0..n).flat_map(|i| beside(i).map(move |j| steps[i.min(j)])).collect();
         let mut label = label.to_vec();
         let graph = Csr::new(starts.view(), &indices, &weights);
-        let done = ties.settle(graph, field, &mut label, false, &Cancel::default()).unwrap();
+        let done = ties.correct_labels(graph, field, &mut label, false, &Cancel::default()).unwrap();
         (done, label)
     }
 
@@ -171,22 +171,22 @@ mod tests {
         // Source 0 is in the middle; node 1 was lowered by source 1 at the left end after it had passed 0 on to node 2.
         let (steps, field) = ([1., 1e6, 2., 3.], [0., 1., 1_000_001., 3., 0.]);
         let label = [1, 1, 0, 0, 0];
-        assert_eq!(settled(&steps, &field, &label, Ties::of(vec![2, 2], 9)), (true, vec![1, 1, 1, 0, 0]));
+        assert_eq!(corrected(&steps, &field, &label, Ties::of(vec![2, 2], 9)), (true, vec![1, 1, 1, 0, 0]));
         // All the way down, but not beyond where another path is as short.
         let field = [0., 1., 1_000_001., 1_000_003., 1_000_006.];
         let label = [1, 1, 0, 0, 0];
-        assert_eq!(settled(&steps, &field, &label, Ties::of(vec![2], 9)), (true, vec![1; 5]));
+        assert_eq!(corrected(&steps, &field, &label, Ties::of(vec![2], 9)), (true, vec![1; 5]));
         // A tie between equal paths has the smaller label already.
         let (steps, field, label) = ([2., 2.], [0., 2., 0.], [7, 5, 5]);
-        assert_eq!(settled(&steps, &field, &label, Ties::of(vec![1], 9)), (true, vec![7, 5, 5]));
+        assert_eq!(corrected(&steps, &field, &label, Ties::of(vec![1], 9)), (true, vec![7, 5, 5]));
     }
 
     #[test]
     fn steps_of_no_length_and_too_many_ties_are_left_to_another_front() {
         let (steps, field, label) = ([1., 0.], [0., 1., 1.], [0, 0, 0]);
-        assert!(!settled(&steps, &field, &label, Ties::of(vec![2], 9)).0);
-        assert!(!settled(&steps, &field, &label, Ties::of((0..3).collect(), 2)).0);
-        assert!(!settled(&steps, &field, &label, Ties::of(vec![1; 18], 9)).0);
-        assert!(settled(&steps, &field, &label, Ties::of(vec![], 9)).0);
+        assert!(!corrected(&steps, &field, &label, Ties::of(vec![2], 9)).0);
+        assert!(!corrected(&steps, &field, &label, Ties::of((0..3).collect(), 2)).0);
+        assert!(!corrected(&steps, &field, &label, Ties::of(vec![1; 18], 9)).0);
+        assert!(corrected(&steps, &field, &label, Ties::of(vec![], 9)).0);
     }
 }

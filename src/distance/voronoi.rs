@@ -204,7 +204,7 @@ impl<'a> BlockDijkstra<'a> {
             sources.iter().enumerate().map(message).collect::<Vec<_>>()
         };
         let ties = self.propagate(seeds(), f32::INFINITY, Initial::Fresh(u32::MAX), field, label)?;
-        if !ties.settle(self.graph, field, label, self.paged, &self.cancel)? {
+        if !ties.correct_labels(self.graph, field, label, self.paged, &self.cancel)? {
             // A second front over the final distances: only labels change, and none can become stale.
             label.fill(u32::MAX);
             self.propagate(seeds(), f32::INFINITY, Initial::Given, field, label)?;
@@ -254,7 +254,7 @@ impl<'a> BlockDijkstra<'a> {
             self.propagate(messages, f32::INFINITY, Initial::Given, field, label)
         };
         let ties = once(field, label)?;
-        if !ties.settle(self.graph, field, label, self.paged, &self.cancel)? {
+        if !ties.correct_labels(self.graph, field, label, self.paged, &self.cancel)? {
             clear_labels(field, label);
             once(field, label)?;
         }

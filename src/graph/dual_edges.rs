@@ -315,13 +315,13 @@ impl RowScratch {
             }
             return row;
         }
-        settle(row);
+        merge_row(row);
         row
     }
 }
 
 /// Sorts a row by neighbour and merges entries for the same neighbour.
-fn settle(row: &mut Vec<Entry>) {
+fn merge_row(row: &mut Vec<Entry>) {
     // Ties are broken by value, so the order of pairs does not matter.
     row.sort_unstable_by(|a, b| {
         a.node.cmp(&b.node).then(a.centroid_distance.total_cmp(&b.centroid_distance)).then(a.edge.total_cmp(&b.edge))

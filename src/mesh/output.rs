@@ -41,7 +41,7 @@ impl<'a> Gather<'a> {
 
     /// Writes if enough is gathered; call it about once per record.
     #[inline]
-    pub(crate) fn settle(&mut self) -> Result<()> {
+    pub(crate) fn flush_if_full(&mut self) -> Result<()> {
         if self.buffer.len() < FLUSH { Ok(()) } else { self.write_out() }
     }
 

@@ -43,7 +43,7 @@ pub fn write_seg_to(path: &Path, writer: &mut dyn Write, labels: &[u32], run: &R
             out.decimal(label);
             out.buffer.push(b'\n');
         }
-        out.settle()?;
+        out.flush_if_full()?;
     }
     out.finish()
 }

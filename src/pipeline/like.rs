@@ -165,7 +165,7 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>, work: &
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`].
-pub fn settle(
+pub fn apply_reference_numbering(
     mut result: SegmentedMesh,
     carried: &mut Carried,
     reference: Reference<'_>,

@@ -280,14 +280,14 @@ impl<'a> Scene<'a> {
         out.buffer.extend_from_slice(b"BIN\0");
         for v in 0..self.mesh.positions.len() as u32 {
             out.buffer.extend_from_slice(bytemuck::cast_slice(&self.place(v).map(|x| x.to_bits().to_le())));
-            out.settle()?;
+            out.flush_if_full()?;
         }
         if let Some(normals) = &self.normals {
             for v in 0..self.mesh.positions.len() as u32 {
                 // A vertex without a face has no normal, but the format requires a unit vector.
                 let normal = normals.normal(v).filter(|normal| *normal != [0.; 3]).unwrap_or([0., 0., 1.]);
                 out.buffer.extend_from_slice(bytemuck::cast_slice(&normal.map(|x| (x as f32).to_bits().to_le())));
-                out.settle()?;
+                out.flush_if_full()?;
             }
         }
         for label in (0..self.triangles.len()).filter(|&label| self.triangles[label] > 0) {
@@ -314,7 +314,7 @@ impl<'a> Scene<'a> {
                         _ => self.mesh.triangles(corners, |triangle, _| write(triangle)),
                     }
                 });
-                out.settle()?;
+                out.flush_if_full()?;
             }
         }
         Ok(())

@@ -231,7 +231,7 @@ fn vertices_of(source: &Source, from: &Path, to: &Path, out: &mut Gather, run: &
             }
             _ => {}
         }
-        out.settle()?;
+        out.flush_if_full()?;
     }
     Ok(())
 }
@@ -243,7 +243,7 @@ fn vertices(mesh: &Mesh, out: &mut Gather) -> Result<()> {
         out.buffer.extend_from_slice(b"v ");
         mesh.positions.get(v).into_iter().for_each(|x| encoder.real(scalar, x, &mut out.buffer));
         encoder.end(&mut out.buffer);
-        out.settle()?;
+        out.flush_if_full()?;
     }
     Ok(())
 }
@@ -274,7 +274,7 @@ impl ObjParts<'_> {
                 }
                 self.face(chunk * CHUNK + at, !begun, out);
                 begun = true;
-                out.settle()?;
+                out.flush_if_full()?;
             }
         }
         Ok(())

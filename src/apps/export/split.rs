@@ -302,12 +302,12 @@ impl Splitter<'_> {
                 self.vertex(self.mesh.positions.get(v), &mut out.buffer);
                 left &= left - 1;
             }
-            out.settle()?;
+            out.flush_if_full()?;
         }
         caps.centres.iter().for_each(|&p| self.vertex(p, &mut out.buffer));
         self.each(part, |face, corners| {
             self.face(face, corners, count, &mut out.buffer);
-            out.settle()
+            out.flush_if_full()
         })?;
         for corners in &caps.triangles {
             let number = |corner| match corner {
@@ -319,7 +319,7 @@ impl Splitter<'_> {
             self.encoder.integer(Scalar::I32, -1, &mut out.buffer);
             self.labelling.append_added(part, self.encoder, &mut out.buffer);
             self.encoder.end(&mut out.buffer);
-            out.settle()?;
+            out.flush_if_full()?;
         }
         Ok(())
     }
@@ -350,11 +350,11 @@ impl Splitter<'_> {
         };
         self.each(part, |_, corners| {
             self.mesh.triangles(corners, |_, at| facet(at, &mut out.buffer));
-            out.settle()
+            out.flush_if_full()
         })?;
         for corners in &caps.triangles {
             facet(corners.map(|corner| caps.place(self.mesh, corner)), &mut out.buffer);
-            out.settle()?;
+            out.flush_if_full()?;
         }
         Ok(facets)
     }

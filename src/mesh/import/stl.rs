@@ -80,7 +80,7 @@ pub(super) fn convert(bytes: &[u8], target: &mut Target, notes: &mut Vec<String>
             if words.next().is_some_and(|word| word.eq_ignore_ascii_case(b"vertex")) {
                 let place = line.place(words, Scalar::F32, path)?;
                 place.iter().for_each(|&x| target.out.buffer.extend_from_slice(&(x as f32).to_le_bytes()));
-                target.settle()?;
+                target.count_record()?;
             }
         }
         if !corners_of_text(path, bytes)?.1 {
@@ -89,7 +89,7 @@ pub(super) fn convert(bytes: &[u8], target: &mut Target, notes: &mut Vec<String>
     } else {
         for record in bytes[FRONT..].chunks_exact(RECORD).take(faces as usize) {
             target.out.buffer.extend_from_slice(&record[12..48]);
-            target.settle()?;
+            target.count_record()?;
         }
         let rest = bytes.len() as u64 - FRONT as u64 - RECORD as u64 * faces;
         if rest > 0 {

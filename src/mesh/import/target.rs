@@ -59,19 +59,19 @@ impl Target<'_, '_> {
         self.out.buffer.append(&mut header.finish());
     }
 
-    /// To be called once per record.
-    pub(super) fn settle(&mut self) -> Result<()> {
+    /// Counts a record; every so many it checks for cancellation and writes what is gathered.
+    pub(super) fn count_record(&mut self) -> Result<()> {
         self.records += 1;
         if self.records.is_multiple_of(CHUNK) {
             self.run.cancel.check()?;
-            self.out.settle()?;
+            self.out.flush_if_full()?;
         }
         Ok(())
     }
 
     pub(super) fn vertex(&mut self, place: [f64; 3]) -> Result<()> {
         place.iter().for_each(|x| self.out.buffer.extend_from_slice(&x.to_le_bytes()));
-        self.settle()
+        self.count_record()
     }
 
     /// Begins a face of `corners` corners.
@@ -80,7 +80,7 @@ impl Target<'_, '_> {
             true => self.out.buffer.push(corners as u8),
             false => self.out.buffer.extend_from_slice(&(corners as u32).to_le_bytes()),
         }
-        self.settle()
+        self.count_record()
     }
 
     /// Adds a corner to the current face: vertex `number` from 0, or an error that shows the number `shown` and the
@@ -90,7 +90,7 @@ impl Target<'_, '_> {
         match number.and_then(|number| u64::try_from(number).ok()).filter(|&number| number < vertices) {
             Some(number) => {
                 self.out.buffer.extend_from_slice(&(number as u32).to_le_bytes());
-                if self.out.buffer.len() > 1 << 20 { self.out.settle() } else { Ok(()) }
+                if self.out.buffer.len() > 1 << 20 { self.out.flush_if_full() } else { Ok(()) }
             }
             None => Err(Error::malformed(
                 self.path,

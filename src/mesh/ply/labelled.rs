@@ -266,11 +266,11 @@ impl LabelledWriter<'_> {
                 self.labelling.append(face, encoder, &mut out.buffer);
                 encoder.end(&mut out.buffer);
             });
-            out.settle()?;
+            out.flush_if_full()?;
         }
         for piece in self.changed().flat_map(|pieces| &pieces[1..]) {
             split(piece, out);
-            out.settle()?;
+            out.flush_if_full()?;
         }
         Ok(())
     }
@@ -308,7 +308,7 @@ impl LabelledWriter<'_> {
             }
             self.labelling.append_piece(piece.face as usize, piece.label, encoder, &mut out.buffer);
             encoder.end(&mut out.buffer);
-            out.settle().map(|()| cursor)
+            out.flush_if_full().map(|()| cursor)
         };
         for record in 0..element.count {
             if record % CHUNK == 0 {
@@ -342,7 +342,7 @@ impl LabelledWriter<'_> {
                 self.labelling.append_vertex(votes.borrow_mut().get(record)?, encoder, &mut out.buffer);
             }
             encoder.end(&mut out.buffer);
-            out.settle()?;
+            out.flush_if_full()?;
         }
         for (pieces, place) in self.changed().zip(places) {
             for piece in &pieces[1..] {

@@ -90,7 +90,7 @@ impl PlainPly<'_> {
             mesh.positions.get(v as u32).into_iter().for_each(|x| encoder.real(real, x, &mut out.buffer));
             vertices.iter().for_each(|column| encoder.scalar(column.scalar, (column.value)(v), &mut out.buffer));
             encoder.end(&mut out.buffer);
-            out.settle()?;
+            out.flush_if_full()?;
         }
         for start in (0..m).step_by(CHUNK) {
             run.cancel.check()?;
@@ -99,7 +99,7 @@ impl PlainPly<'_> {
                 corners.iter().for_each(|&v| encoder.integer(Scalar::U32, v.into(), &mut out.buffer));
                 faces.iter().for_each(|column| encoder.scalar(column.scalar, (column.value)(face), &mut out.buffer));
                 encoder.end(&mut out.buffer);
-                out.settle()
+                out.flush_if_full()
             })?;
         }
         out.finish()

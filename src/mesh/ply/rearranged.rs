@@ -170,7 +170,7 @@ impl<'a> RearrangedWriter<'a> {
             Role::Edges | Role::Other => {
                 return self.records::<C>(number, |_, bytes| {
                     out.buffer.extend_from_slice(bytes);
-                    out.settle()
+                    out.flush_if_full()
                 });
             }
         };

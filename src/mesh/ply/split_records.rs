@@ -76,7 +76,7 @@ impl SplitRecords<'_> {
                     .map_err(|fault| document.changed(number, new.of[nearest] as usize, fault))?;
             }
             self.encoder.end(&mut out.buffer);
-            out.settle()?;
+            out.flush_if_full()?;
         }
         Ok(())
     }

@@ -107,7 +107,7 @@ pub(super) fn stream(
         mesh.positions.get(v).into_iter().for_each(|x| encoder.real(real, x, &mut out.buffer));
         labelling.append_vertex((label != NONE).then_some(label), encoder, &mut out.buffer);
         encoder.end(&mut out.buffer);
-        out.settle()?;
+        out.flush_if_full()?;
     }
     for start in (0..mesh.faces.len()).step_by(CHUNK) {
         run.cancel.check()?;
@@ -117,7 +117,7 @@ pub(super) fn stream(
             corners.iter().for_each(|v| encoder.integer(Scalar::I32, number(v).into(), &mut out.buffer));
             labelling.append(face, encoder, &mut out.buffer);
             encoder.end(&mut out.buffer);
-            out.settle()
+            out.flush_if_full()
         })?;
     }
     out.finish()
