@@ -115,14 +115,14 @@ impl Matcher {
     pub fn run(&self, a: &Mesh, b: &Mesh) -> Result<Correspondence> {
         let most = a.positions.len().max(b.positions.len());
         let params = self.params.landmarks(self.landmarks.unwrap_or(default_landmarks_for_vertices(most)));
-        self.options.with(|context, told| {
+        self.options.with(|context, log| {
             let paths = [a.path(), b.path()];
             let inputs = [identity(a, context.work, identity_of_two)?, identity(b, context.work, identity_of_two)?];
             admit_two(paths, &inputs, self.options.force, context)?;
             let inputs = (!context.work.is_temporary()).then_some(inputs);
             [a, b].into_iter().flat_map(Mesh::notes).for_each(|note| context.run.progress.note(note));
             let found = recipe::correspond(a, b, inputs.as_ref(), &params, context)?;
-            let report = found.report(paths, &params, context.run, told);
+            let report = found.report(paths, &params, context.run, log);
             Ok(Correspondence { found, report, options: self.options.afterwards() })
         })
     }

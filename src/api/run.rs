@@ -4,7 +4,7 @@
 //! nothing proportional to a mesh.
 
 use crate::base::parallel::catch;
-use crate::base::{Cancel, Progress, Result, Told};
+use crate::base::{Cancel, Progress, Result, RunLog};
 use crate::store::{Budget, Context, Run, WorkDir};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -123,11 +123,11 @@ impl RunOptions {
     /// # Errors
     /// Those of `work`; [`crate::Error::WorkDir`] for a folder that is not a work directory; [`crate::Error::Internal`]
     /// if the listener panics.
-    pub(super) fn with<R>(&self, work: impl FnOnce(Context<'_>, &Told) -> Result<R>) -> Result<R> {
+    pub(super) fn with<R>(&self, work: impl FnOnce(Context<'_>, &RunLog) -> Result<R>) -> Result<R> {
         let silent: &dyn Progress = &();
         let progress = self.progress.as_deref().map_or(silent, |progress| progress);
-        let kept = Kept { progress, told: Told::default() };
-        let mut run = Run::new(&kept);
+        let recording = Recording { progress, log: RunLog::default() };
+        let mut run = Run::new(&recording);
         run.threads = self.threads.unwrap_or(run.threads);
         run.budget = self.memory.map_or(run.budget, Budget::new);
         run.cancel = self.cancel.clone();
@@ -139,17 +139,17 @@ impl RunOptions {
                 WorkDir::in_memory(&parent, &run.budget)
             }
         };
-        catch(|| work(Context::new(&place, &run), &kept.told))?
+        catch(|| work(Context::new(&place, &run), &recording.log))?
     }
 }
 
 /// A listener that keeps what reports need, and passes everything on.
-struct Kept<'a> {
+struct Recording<'a> {
     progress: &'a dyn Progress,
-    told: Told,
+    log: RunLog,
 }
 
-impl Progress for Kept<'_> {
+impl Progress for Recording<'_> {
     fn begin(&self, stage: &str, unit: &'static str, total: u64) {
         self.progress.begin(stage, unit, total);
     }
@@ -159,12 +159,12 @@ impl Progress for Kept<'_> {
     }
 
     fn end(&self, stage: &str, seconds: f64) {
-        self.told.end(stage, seconds);
+        self.log.end(stage, seconds);
         self.progress.end(stage, seconds);
     }
 
     fn note(&self, text: &str) {
-        self.told.note(text);
+        self.log.note(text);
         self.progress.note(text);
     }
 

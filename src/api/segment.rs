@@ -233,13 +233,13 @@ impl Segmenter {
         params.check()?;
         self.edits.as_ref().map_or(Ok(()), Edits::check)?;
         let params = &params;
-        self.options.with(|context, told| {
+        self.options.with(|context, log| {
             let edits = self.edits.as_ref().map(|edits| edits.on(mesh, context.run)).transpose()?;
             let corrections = Corrections { edits: edits.as_ref(), painted: self.hints.as_deref() };
             let identity = admitted(mesh, self.options.force, context)?;
             let cut = pipeline::segment_corrected(mesh, &identity, params, corrections, context)?;
             let hierarchy = Hierarchy::kept(params, context)?;
-            let report = Report::new(mesh.path(), params, &cut, context, told, None)?;
+            let report = Report::new(mesh.path(), params, &cut, context, log, None)?;
             Ok(Segmentation {
                 mesh: mesh.clone(),
                 labels: cut.labels,

@@ -22,4 +22,4 @@ pub mod vector;
 
 pub use cancel::Cancel;
 pub use error::{Error, Result};
-pub use progress::{Progress, Told};
+pub use progress::{Progress, RunLog};

@@ -28,20 +28,20 @@ impl Progress for () {}
 
 /// What a listener keeps of a run for its report: seconds per stage, and the notes about the mesh and the result.
 #[derive(Debug)]
-pub struct Told {
+pub struct RunLog {
     start: Instant,
     seconds: Mutex<BTreeMap<String, f64>>,
     notes: Mutex<Vec<String>>,
 }
 
-impl Default for Told {
+impl Default for RunLog {
     /// Nothing recorded; the clock starts now.
     fn default() -> Self {
         Self { start: Instant::now(), seconds: Mutex::default(), notes: Mutex::default() }
     }
 }
 
-impl Told {
+impl RunLog {
     /// Adds the `seconds` of a stage that has ended.
     pub fn end(&self, stage: &str, seconds: f64) {
         *lock(&self.seconds).entry(stage.to_owned()).or_default() += seconds;

@@ -252,7 +252,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
         task,
         app,
     };
-    if batch.told() {
+    if batch.shows_lines() {
         batch.bars.say(&batch.table.row("mesh", "faces", "parts", "seconds"));
     }
     batch.tally.get_mut().unwrap_or_else(PoisonError::into_inner).lines =
@@ -282,7 +282,7 @@ fn options(task: Task<'_>) -> Result<Value> {
 
 impl Batch<'_> {
     /// Whether human-readable lines are written.
-    fn told(&self) -> bool {
+    fn shows_lines(&self) -> bool {
         matches!(self.style, Style::Terminal | Style::Lines)
     }
 
@@ -335,7 +335,7 @@ impl Batch<'_> {
     /// Reports the result of the batch, which started at `start`.
     fn conclude(self, start: Instant) -> Result<(), CliError> {
         self.bars.finish();
-        let told = self.told();
+        let shows_lines = self.shows_lines();
         let tally = self.tally.into_inner().unwrap_or_else(PoisonError::into_inner);
         if let Some(error) = tally.stop {
             return Err(error.into());
@@ -344,12 +344,12 @@ impl Batch<'_> {
             (report.like.as_ref()?["look"] == true).then(|| self.jobs[job].mesh.display().to_string())
         };
         let look: Vec<String> = tally.reports.iter().filter_map(doubtful).collect();
-        if told && !look.is_empty() {
+        if shows_lines && !look.is_empty() {
             tell(&format!("look at {} of {}: {}", look.len(), tally.reports.len(), look.join(", ")));
         }
         self.task.args.json.publish(&tally.reports.values().collect::<Vec<_>>())?;
         let (all, failed) = (self.jobs.len(), tally.failed.len());
-        if told {
+        if shows_lines {
             tally.failed.iter().for_each(|(mesh, reason)| tell(&format!("failed: {}: {reason}", mesh.display())));
             let done = all - failed - tally.skipped;
             let skipped = if tally.skipped > 0 { format!(", {} skipped", tally.skipped) } else { String::new() };

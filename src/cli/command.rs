@@ -37,9 +37,9 @@ fn adapted(subcommand: &str, arg: Arg) -> Arg {
              60, above 60,000 faces 60, and more than parts up to 512]",
         ),
         ("sampling", "rows") => arg.help("How landmarks are chosen [default: farthest]"),
-        ("sampling", "share") => told_anew(arg, "with --exact, kmeans and two-means", "with kmeans and two-means"),
-        ("tmp", "info" | "plan") => told_anew(arg, BESIDE_OUTPUT, "beside the mesh"),
-        ("tmp", "quality") => told_anew(arg, BESIDE_OUTPUT, "the system's"),
+        ("sampling", "share") => with_replaced_help(arg, "with --exact, kmeans and two-means", "with kmeans and two-means"),
+        ("tmp", "info" | "plan") => with_replaced_help(arg, BESIDE_OUTPUT, "beside the mesh"),
+        ("tmp", "quality") => with_replaced_help(arg, BESIDE_OUTPUT, "the system's"),
         _ => arg,
     };
     // The help contains no ANSI colours that could be lost.
@@ -52,7 +52,7 @@ fn adapted(subcommand: &str, arg: Arg) -> Arg {
 }
 
 /// `arg` with `old` replaced by `new` in its help.
-fn told_anew(arg: Arg, old: &str, new: &str) -> Arg {
+fn with_replaced_help(arg: Arg, old: &str, new: &str) -> Arg {
     let help = arg.get_help().map(|help| help.ansi().to_string().replace(old, new));
     arg.help(help.unwrap_or_default())
 }
@@ -88,23 +88,23 @@ mod tests {
     fn the_command_holds_together_and_defaults_are_told_where_they_hold() {
         parsed().debug_assert();
         let help = |subcommand: &str| parsed().find_subcommand_mut(subcommand).unwrap().render_long_help().to_string();
-        let told = |subcommand: &str| help(subcommand).split_whitespace().collect::<Vec<_>>().join(" ");
+        let words = |subcommand: &str| help(subcommand).split_whitespace().collect::<Vec<_>>().join(" ");
         for subcommand in ["segment", "plan", "graph", "picture", "correspond"] {
-            assert!(!told(subcommand).contains(KEPT), "{subcommand}");
+            assert!(!words(subcommand).contains(KEPT), "{subcommand}");
         }
         for subcommand in ["cluster", "rows", "embed"] {
-            assert!(told(subcommand).contains(KEPT), "{subcommand}");
+            assert!(words(subcommand).contains(KEPT), "{subcommand}");
         }
         for (subcommand, folder) in
             [("segment", "that of the output"), ("info", "beside the mesh"), ("quality", "the system's")]
         {
-            assert!(told(subcommand).contains(&format!("temporary files [default: {folder}]")), "{subcommand}");
+            assert!(words(subcommand).contains(&format!("temporary files [default: {folder}]")), "{subcommand}");
         }
         let landmarks = "Number of landmarks [default: 120, above ";
-        assert!(told("rows").contains(&format!("{landmarks}60,000 faces 60 to 20 by size;")));
-        assert!(told("share").contains(&format!("{landmarks}300,000 faces 240; with kmeans")));
-        assert!(["rows", "share"].iter().all(|subcommand| !told(subcommand).contains("--exact")));
-        assert!(told("segment").contains("[default: parts]") && told("cluster").contains("[default: parts, or as"));
-        assert!(told("rows").contains("[default: parts]") && told("rows").contains("[default: 0, or as"));
+        assert!(words("rows").contains(&format!("{landmarks}60,000 faces 60 to 20 by size;")));
+        assert!(words("share").contains(&format!("{landmarks}300,000 faces 240; with kmeans")));
+        assert!(["rows", "share"].iter().all(|subcommand| !words(subcommand).contains("--exact")));
+        assert!(words("segment").contains("[default: parts]") && words("cluster").contains("[default: parts, or as"));
+        assert!(words("rows").contains("[default: parts]") && words("rows").contains("[default: 0, or as"));
     }
 }

@@ -254,7 +254,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     if args.json.json.is_none() {
         return Ok(());
     }
-    let mut report = result.report([&args.a, &args.b], &params, &run, bars.told());
+    let mut report = result.report([&args.a, &args.b], &params, &run, bars.log());
     report["peak_allocated"] = json!((app.peak)());
     Ok(args.json.publish(&report)?)
 }

@@ -105,13 +105,13 @@ impl EditArgs {
 /// a table.
 pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Result<bool, Error> {
     let Some(path) = table else { return Ok(false) };
-    let told = read_names(path)?;
-    if told.len() > parts {
-        let problem = format!("names part {}, there are {parts} parts, counted from 0", told.len() - 1);
+    let table = read_names(path)?;
+    if table.len() > parts {
+        let problem = format!("names part {}, there are {parts} parts, counted from 0", table.len() - 1);
         return Err(Error::unusable(path, problem, "take out its line"));
     }
     names.resize(parts, String::new());
-    names.iter_mut().zip(told).filter(|(_, new)| !new.is_empty()).for_each(|(name, new)| *name = new);
+    names.iter_mut().zip(table).filter(|(_, new)| !new.is_empty()).for_each(|(name, new)| *name = new);
     Ok(true)
 }
 

@@ -166,8 +166,8 @@ fn row(arg: &Arg) -> String {
             let _ = write!(help, " [default: {}]", defaults.join(","));
         }
         for value in arg.get_possible_values().iter().filter(|value| !value.is_hide_set()) {
-            let told = value.get_help().map(|help| format!(": {help}")).unwrap_or_default();
-            let _ = write!(help, "<br>`{}`{told}", value.get_name());
+            let description = value.get_help().map(|help| format!(": {help}")).unwrap_or_default();
+            let _ = write!(help, "<br>`{}`{description}", value.get_name());
         }
     }
     let short = arg.get_short().map(|short| format!("-{short}, ")).unwrap_or_default();

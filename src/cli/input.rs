@@ -39,11 +39,11 @@ pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh
 
 /// Opens the file at `path`; decoded arrays go to `folder`. Notes oddities.
 pub fn open_file(path: &Path, folder: &Path, run: &Run) -> Result<mesh::Mesh, Error> {
-    told(run, || mesh::open(path, folder, run))
+    open_noting(run, || mesh::open(path, folder, run))
 }
 
 /// Runs `open` as a stage, and notes oddities of the mesh.
-fn told(run: &Run, open: impl FnOnce() -> Result<mesh::Mesh, Error>) -> Result<mesh::Mesh, Error> {
+fn open_noting(run: &Run, open: impl FnOnce() -> Result<mesh::Mesh, Error>) -> Result<mesh::Mesh, Error> {
     let (opened, _) = run.stage("read", "faces", 0, open)?;
     opened.notes().iter().for_each(|note| run.progress.note(note));
     Ok(opened)
@@ -62,7 +62,7 @@ pub fn check_there(path: &Path) -> Result<(), Error> {
 fn piped(source: File, name: &str, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
     let (input, spooled) = (work.file(SPOOLED), work.file("input.tmp"));
-    let result = told(run, || mesh::open_reader(mesh::Pipe(source), name, &spooled, run)).and_then(|opened| {
+    let result = open_noting(run, || mesh::open_reader(mesh::Pipe(source), name, &spooled, run)).and_then(|opened| {
         let identity = json!({"stdin": workdir::checksum(&spooled)?});
         admit(Path::new("-"), &identity, force.force, context)?;
         std::fs::rename(&spooled, &input).map_err(Error::io(&input, "rename"))?;

@@ -7,7 +7,7 @@ use super::sink::{Sink, check_is_no_stream, folder_of, print};
 use nystrom_stream::SaveOptions;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::split::{self, PartForm};
-use nystrom_stream::base::{Error, Result, Told, printable};
+use nystrom_stream::base::{Error, Result, RunLog, printable};
 use nystrom_stream::mesh::ply::labelled::PlyForm;
 use nystrom_stream::mesh::{Document, Mesh, ends_with};
 use serde_json::{Value, json};
@@ -56,9 +56,9 @@ impl JsonArgs {
     }
 
     /// Writes `report` with the seconds and the notes of the run, if requested.
-    pub fn publish_with(&self, mut report: Value, told: &Told) -> Result<()> {
-        report["seconds"] = json!(told.seconds());
-        report["notes"] = json!(told.notes());
+    pub fn publish_with(&self, mut report: Value, log: &RunLog) -> Result<()> {
+        report["seconds"] = json!(log.seconds());
+        report["notes"] = json!(log.notes());
         self.publish(&report)
     }
 

@@ -6,7 +6,7 @@
 //! [`STAGES`].
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
-use nystrom_stream::base::{Progress, Told, printable};
+use nystrom_stream::base::{Progress, RunLog, printable};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
@@ -88,7 +88,7 @@ pub struct Bars {
     style: Style,
     /// The mesh of a batch, with its bar, for which this listens.
     mesh: Option<(String, ProgressBar)>,
-    told: Told,
+    log: RunLog,
     state: Mutex<State>,
 }
 
@@ -104,7 +104,7 @@ struct Stage {
     total: u64,
     done: u64,
     start: Instant,
-    told: Instant,
+    reported: Instant,
 }
 
 impl Stage {
@@ -170,7 +170,7 @@ fn tell_json(event: &Value) {
 impl Bars {
     /// A listener.
     pub fn new(style: Style) -> Self {
-        Self { style, mesh: None, told: Told::default(), state: Mutex::default() }
+        Self { style, mesh: None, log: RunLog::default(), state: Mutex::default() }
     }
 
     /// Its style.
@@ -183,8 +183,8 @@ impl Bars {
     }
 
     /// The seconds and notes so far, whether or not they were shown.
-    pub fn told(&self) -> &Told {
-        &self.told
+    pub fn log(&self) -> &RunLog {
+        &self.log
     }
 
     /// Prints a separate line above the bars.
@@ -208,7 +208,7 @@ impl Progress for Bars {
     fn begin(&self, stage: &str, unit: &'static str, total: u64) {
         let now = Instant::now();
         let mut state = self.state();
-        state.stages.insert(stage.to_string(), Stage { unit, total, done: 0, start: now, told: now });
+        state.stages.insert(stage.to_string(), Stage { unit, total, done: 0, start: now, reported: now });
         match (self.style, &self.mesh) {
             (Style::Terminal, Some((_, bar))) => {
                 if total > 0 {
@@ -246,18 +246,18 @@ impl Progress for Bars {
         let Some(known) = state.stages.get_mut(stage) else { return };
         known.done = known.done.saturating_add(done);
         let patience = if self.style == Style::Lines { STILL } else { EVENT };
-        if !matches!(self.style, Style::Json | Style::Lines) || known.told.elapsed() < patience {
+        if !matches!(self.style, Style::Json | Style::Lines) || known.reported.elapsed() < patience {
             return;
         }
         if self.style == Style::Lines {
-            known.told = Instant::now();
+            known.reported = Instant::now();
             let line = known.still(stage);
             match &self.mesh {
                 Some((mesh, _)) => tell(&format!("{}: {line}", printable::line(mesh))),
                 None => tell(&line),
             }
         } else {
-            known.told = Instant::now();
+            known.reported = Instant::now();
             let (done, seconds) = (known.done, known.start.elapsed().as_secs_f64());
             let (unit, total) = (known.unit, known.total);
             self.event(json!({"stage": stage, "unit": unit, "done": done, "total": total, "seconds": seconds}));
@@ -265,7 +265,7 @@ impl Progress for Bars {
     }
 
     fn end(&self, stage: &str, seconds: f64) {
-        self.told.end(stage, seconds);
+        self.log.end(stage, seconds);
         let mut state = self.state();
         if let Some(bar) = state.bars.remove(stage) {
             bar.finish_and_clear();
@@ -290,7 +290,7 @@ impl Progress for Bars {
     }
 
     fn note(&self, text: &str) {
-        self.told.note(text);
+        self.log.note(text);
         self.note_of_work(text);
     }
 
@@ -389,9 +389,9 @@ mod tests {
     #[test]
     fn a_stage_that_takes_long_is_told_of() {
         let now = Instant::now();
-        let stage = Stage { unit: "rows", total: 30, done: 12, start: now, told: now };
+        let stage = Stage { unit: "rows", total: 30, done: 12, start: now, reported: now };
         assert_eq!(stage.still("rows"), "distance rows           0 s  12 of 30 rows so far");
-        let stage = Stage { unit: "faces", total: 0, done: 2_500_000, start: now, told: now };
+        let stage = Stage { unit: "faces", total: 0, done: 2_500_000, start: now, reported: now };
         assert_eq!(stage.still("graph"), "dual graph              0 s  2.50 M faces so far");
     }
 }

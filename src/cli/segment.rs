@@ -195,14 +195,14 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     if give_names(&mut result.names, args.edits.names.as_deref(), result.colours.len())? {
         labels::keep(&result, Context::new(&work, run))?;
     }
-    let told = carried.as_ref().map(|carried| &carried.facts);
-    if let Some(facts) = told.filter(|facts| facts.look) {
+    let likeness = carried.as_ref().map(|carried| &carried.facts);
+    if let Some(facts) = likeness.filter(|facts| facts.look) {
         run.progress.note(&format!("look at {}: {}", path.display(), doubts(facts)));
     }
     let report = || {
         let (context, peak) = (Context::new(&work, run), Some((app.peak)()));
-        let report = Report::new(opened.path(), params, &result, context, bars.told(), peak)?;
-        Ok(Report { like: told.map(|facts| to_json("the likeness", facts)).transpose()?, ..report })
+        let report = Report::new(opened.path(), params, &result, context, bars.log(), peak)?;
+        Ok(Report { like: likeness.map(|facts| to_json("the likeness", facts)).transpose()?, ..report })
     };
     let cut = Cut {
         labelling: result.labelling(),
@@ -213,8 +213,8 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         edits,
         work: &work,
     };
-    let told = || to_json("the report", &report()?);
-    cut.write(outputs, args.form, Some(&opened), told, Context::new(&work, run))?;
+    let report_text = || to_json("the report", &report()?);
+    cut.write(outputs, args.form, Some(&opened), report_text, Context::new(&work, run))?;
     let mut all = report()?;
     if args.measure {
         let of_parts = |context: Context<'_>| measure::parts(&opened, &result.labels, result.colours.len(), context);

@@ -169,7 +169,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
             report["measures"] = json!(measures);
         }
         report["peak_allocated"] = json!((app.peak)());
-        args.json.publish_with(report, bars.told())?;
+        args.json.publish_with(report, bars.log())?;
     }
     Ok(())
 }

@@ -218,7 +218,7 @@ pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
         "mesh": args.mesh.to_string_lossy(), "work_dir": args.place.work_dir.to_string_lossy(),
         "faces": graph.nodes.len(),
     });
-    Ok(args.json.publish_with(answer, bars.told())?)
+    Ok(args.json.publish_with(answer, bars.log())?)
 }
 
 /// Parses shard and number of shards such as "0/3".
@@ -277,7 +277,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
         params.order = args.method.order.or(record.params.order);
     }
     check_places([&path], Some(folder), &args.json.json)?;
-    let mut told = json!({"mesh": path.to_string_lossy(), "work_dir": folder.to_string_lossy()});
+    let mut answer = json!({"mesh": path.to_string_lossy(), "work_dir": folder.to_string_lossy()});
     let shared = SharedWork { divided, identity: &identity, params: &params };
     let read = |work: &WorkDir| match spooled {
         true => Ok((open_file(&path, work.path(), &run)?, identity.clone())),
@@ -286,9 +286,9 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
     let opened = |work: &WorkDir| read(work).map(|(opened, _)| opened);
     if let Some(shard) = args.shard {
         let count = sharding::compute_shard(folder, shared, shard, opened, &run)?;
-        told["shard"] = json!([shard.0, shard.1]);
-        told[if divided.is_by_landmark() { "rows" } else { "faces" }] = count.into();
-        return Ok(args.json.publish_with(told, bars.told())?);
+        answer["shard"] = json!([shard.0, shard.1]);
+        answer[if divided.is_by_landmark() { "rows" } else { "faces" }] = count.into();
+        return Ok(args.json.publish_with(answer, bars.log())?);
     }
     let work = open(folder, &run)?;
     let context = Context::new(&work, &run);
@@ -296,9 +296,9 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
         sharding::prepare_shared(shared, || opened(&work), context)?;
     } else {
         let (opened, identity) = read(&work)?;
-        told["rows"] = sharding::compute_all_rows(&opened, &identity, &params, context)?.len().into();
+        answer["rows"] = sharding::compute_all_rows(&opened, &identity, &params, context)?.len().into();
     }
-    Ok(args.json.publish_with(told, bars.told())?)
+    Ok(args.json.publish_with(answer, bars.log())?)
 }
 
 pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
@@ -307,8 +307,8 @@ pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
     check_places(&recorded_mesh(args.place.path()), Some(args.place.path()), &args.json.json)?;
     let work = open(args.place.path(), &run)?;
     let rows = shard::merge(Context::new(&work, &run))?;
-    let told = json!({"work_dir": args.place.path().to_string_lossy(), "rows": rows.len(), "faces": rows.nodes});
-    Ok(args.json.publish_with(told, bars.told())?)
+    let answer = json!({"work_dir": args.place.path().to_string_lossy(), "rows": rows.len(), "faces": rows.nodes});
+    Ok(args.json.publish_with(answer, bars.log())?)
 }
 
 pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), CliError> {
@@ -353,7 +353,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     }
     let report = || {
         let peak = Some((app.peak)());
-        Report::new(&record.mesh, &params, &result, context, bars.told(), peak)
+        Report::new(&record.mesh, &params, &result, context, bars.log(), peak)
     };
     let cut = Cut {
         labelling: result.labelling(),

@@ -80,5 +80,5 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let results = Results { report: report.clone(), ..Results::new(labelling, args.ply.into()) };
     let of = args.labels.as_ref().unwrap_or(&args.from);
     results.write(&outputs, Some(&to), &run).map_err(|error| of_file(error, "labels", Some(of)))?;
-    Ok(args.json.publish_with(report, bars.told())?)
+    Ok(args.json.publish_with(report, bars.log())?)
 }

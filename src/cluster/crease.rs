@@ -135,10 +135,10 @@ pub fn averaged(
                 ring = end;
             }
             // Each edge once: of two positions that were seen the lesser tells it.
-            let told = |p: u32, e: usize| inside(e).is_none_or(|q| p < q || !seen.has(q));
+            let is_first = |p: u32, e: usize| inside(e).is_none_or(|q| p < q || !seen.has(q));
             near.clear();
             let few = nodes.iter().filter(|&&p| !many(p));
-            near.extend(few.flat_map(|&p| span(p).filter(move |&e| told(p, e))).map(|e| edges[e]));
+            near.extend(few.flat_map(|&p| span(p).filter(move |&e| is_first(p, e))).map(|e| edges[e]));
             nodes.iter().for_each(|&p| seen.remove(p));
             let per_length = near.len() as f32 / near.iter().map(|edge| edge.length).sum::<f32>();
             // The other end's edges are filled in below.

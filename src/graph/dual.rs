@@ -122,7 +122,7 @@ impl DualGraph {
     /// # }
     /// ```
     pub fn build(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<Self> {
-        Self::told(GraphStage { mesh, path, input, computed: false }, context)
+        Self::build_noting(GraphStage { mesh, path, input, computed: false }, context)
     }
 
     /// The same, but node geometry and shared edges are not stored: they are computed from the mesh at each access.
@@ -131,11 +131,11 @@ impl DualGraph {
     /// # Errors
     /// As [`DualGraph::build`].
     pub(crate) fn build_computed(mesh: &Mesh, path: &Path, input: &Value, context: Context<'_>) -> Result<Self> {
-        Self::told(GraphStage { mesh, path, input, computed: context.work.is_temporary() }, context)
+        Self::build_noting(GraphStage { mesh, path, input, computed: context.work.is_temporary() }, context)
     }
 
     /// Builds or opens the graph; either way, oddities of the mesh are noted.
-    fn told(stage: GraphStage<'_>, context: Context<'_>) -> Result<Self> {
+    fn build_noting(stage: GraphStage<'_>, context: Context<'_>) -> Result<Self> {
         let path = stage.path;
         let graph = context.stage(stage)?;
         if let Some(note) = graph.facts.note(path) {
@@ -159,7 +159,8 @@ impl DualGraph {
     /// # Errors
     /// [`Error::WorkDir`] if there is none, [`Error::Io`], [`Error::Malformed`].
     pub(crate) fn prepared(key: String, n: usize, work: &WorkDir) -> Result<Self> {
-        let facts = work.told::<GraphStage<'_>>().ok_or_else(|| work.damaged(MANIFEST, "tells of no graph"))?;
+        let facts =
+            work.recorded_facts::<GraphStage<'_>>().ok_or_else(|| work.damaged(MANIFEST, "tells of no graph"))?;
         let graph = Self::open(work, facts, StartsForm::Packed, key)?;
         if graph.nodes.len() != n {
             return Err(work.damaged(MANIFEST, "tells of another number of faces"));

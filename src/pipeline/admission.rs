@@ -34,10 +34,10 @@ pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -
         if same(identity, &record.identity) {
             return Ok(());
         }
-        let told = |key: &str| record.identity.get(key).is_some();
+        let has = |key: &str| record.identity.get(key).is_some();
         let problem = match record.mesh.display() {
-            _ if told("content") => "is of another mesh, one of arrays".into(),
-            _ if told("stdin") => "is of another mesh, one from standard input".into(),
+            _ if has("content") => "is of another mesh, one of arrays".into(),
+            _ if has("stdin") => "is of another mesh, one from standard input".into(),
             mesh if record.mesh == here => format!("is of {mesh} as it was before it changed"),
             mesh => format!("is of another mesh, {mesh}"),
         };

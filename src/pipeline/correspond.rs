@@ -16,7 +16,7 @@ use crate::apps::correspond::align::{FINE, procrustes, sample};
 use crate::apps::correspond::matches::{AlignedPair, Match, Matching, matches};
 use crate::apps::correspond::refine::Refine;
 use crate::apps::correspond::{Alignment, EmbeddingSearch, align};
-use crate::base::{Result, Told};
+use crate::base::{Result, RunLog};
 use crate::distance::march::Surface;
 use crate::distance::vertex_rows;
 use crate::mesh::Mesh;
@@ -79,12 +79,12 @@ pub fn correspond_guided(
     guidance.check(a.positions.len(), b.positions.len(), params)?;
     let side = |opened, k: usize, name| Side::build(opened, inputs.map(|inputs| &inputs[k]), params, name, context);
     let (a, b) = (side(a, 0, "a")?, side(b, 1, "b")?);
-    used.told(match_sides(&a, &b, params, &guidance, within)?, within)
+    used.in_file_numbering(match_sides(&a, &b, params, &guidance, within)?, within)
 }
 
 impl Correspondence {
-    /// The report on the matches of the meshes at `paths` under `params`, with the seconds and notes in `told`.
-    pub fn report(&self, paths: [&Path; 2], params: &CorrespondParams, run: &Run, told: &Told) -> Value {
+    /// The report on the matches of the meshes at `paths` under `params`, with the seconds and notes in `log`.
+    pub fn report(&self, paths: [&Path; 2], params: &CorrespondParams, run: &Run, log: &RunLog) -> Value {
         let matched = self.matches.iter().filter(|one| one.target >= 0);
         let (count, sum) = matched.fold((0u64, 0f64), |(n, sum), one| (n + 1, sum + f64::from(one.confidence)));
         json!({
@@ -101,8 +101,8 @@ impl Correspondence {
             "matched": count,
             "unmatched": self.matches.len() as u64 - count,
             "mean_confidence": if count > 0 { sum / count as f64 } else { 0. },
-            "seconds": told.seconds(),
-            "notes": told.notes(),
+            "seconds": log.seconds(),
+            "notes": log.notes(),
         })
     }
 }

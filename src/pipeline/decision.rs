@@ -202,7 +202,7 @@ fn check_labels(work: &WorkDir, decided: &WorkDir) -> Result<()> {
         return Err(Error::work_dir(work.path(), problem, "cut it once more: stage `labels`"));
     }
     match labels::decision_of(work) {
-        Some(told) if decision.is_some_and(|decision| decision.key != told) => {
+        Some(cut_from) if decision.is_some_and(|decision| decision.key != cut_from) => {
             let problem = "its hierarchy of parts is not the one that its labels were cut from";
             Err(Error::work_dir(work.path(), problem, "cut it once more: stage `labels`"))
         }
@@ -251,14 +251,14 @@ impl KeptDecision {
     /// [`Error::Internal`] for values that JSON cannot represent.
     pub fn text(&self) -> Result<String> {
         let PartDecision { superfaces, co_association, tree, .. } = &self.decision;
-        let told = KeptText {
+        let values = KeptText {
             cells: Cow::Borrowed(&self.cells),
             of_cell: Cow::Borrowed(&superfaces.of_cell),
             area: Cow::Borrowed(&superfaces.area),
             co_association: Cow::Borrowed(co_association.values()),
             tree: Cow::Borrowed(tree),
         };
-        Ok(json::value("the decision", &told)?.to_string())
+        Ok(json::value("the decision", &values)?.to_string())
     }
 
     /// Parses the output of [`KeptDecision::text`].
@@ -267,11 +267,11 @@ impl KeptDecision {
     /// [`Error::Parameter`] for any other text.
     pub fn of_text(text: &str) -> Result<Self> {
         let wrong = |problem: String| Error::parameter("decision", problem, "cut the mesh again");
-        let told: KeptText<'_> = serde_json::from_slice(text.as_bytes()).map_err(|error| wrong(error.to_string()))?;
-        told.tree.check()?;
-        let cells = told.cells.cleaned()?;
-        let (of_cell, area) = (told.of_cell.into_owned(), told.area.into_owned());
-        let (co_association, tree) = (told.co_association.into_owned(), told.tree.into_owned());
+        let parsed: KeptText<'_> = serde_json::from_slice(text.as_bytes()).map_err(|error| wrong(error.to_string()))?;
+        parsed.tree.check()?;
+        let cells = parsed.cells.cleaned()?;
+        let (of_cell, area) = (parsed.of_cell.into_owned(), parsed.area.into_owned());
+        let (co_association, tree) = (parsed.co_association.into_owned(), parsed.tree.into_owned());
         let decision = assembled(cells.len(), of_cell, area, co_association, tree)
             .ok_or_else(|| wrong("its cells, superfaces and tree contradict each other".into()))?;
         Ok(Self { cells, decision })

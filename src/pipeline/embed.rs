@@ -43,17 +43,17 @@ pub fn kept(work: &WorkDir) -> Option<EmbeddingFacts> {
 
 /// Options of the embedding in `work`, whatever its rows.
 pub fn kept_params(work: &WorkDir) -> Option<EmbeddingParams> {
-    told(work).map(|facts| facts.params)
+    valid_facts(work).map(|facts| facts.params)
 }
 
 /// The same if it is based on the rows `rows`.
 pub(super) fn params_over(rows: &str, work: &WorkDir) -> Option<EmbeddingParams> {
-    told(work).filter(|facts| facts.rows == rows).map(|facts| facts.params)
+    valid_facts(work).filter(|facts| facts.rows == rows).map(|facts| facts.params)
 }
 
 /// The facts recorded in the manifest, if they are valid.
-fn told(work: &WorkDir) -> Option<EmbeddingFacts> {
-    work.told::<EmbeddingStage<'_>>().filter(|facts| facts.params.check().is_ok())
+fn valid_facts(work: &WorkDir) -> Option<EmbeddingFacts> {
+    work.recorded_facts::<EmbeddingStage<'_>>().filter(|facts| facts.params.check().is_ok())
 }
 
 /// The stage that writes the embedding of all faces.

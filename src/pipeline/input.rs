@@ -105,7 +105,7 @@ const RECORD_VERSION: u32 = 2;
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Record {
     /// Location of the mesh. A name that is not UTF-8 is stored lossily; the mesh must then be given explicitly.
-    #[serde(serialize_with = "told")]
+    #[serde(serialize_with = "lossy_text")]
     pub mesh: PathBuf,
     /// Identity of the input ([`identity_in`]).
     pub identity: Value,
@@ -117,7 +117,7 @@ pub struct Record {
     pub seed: u64,
 }
 
-fn told<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+fn lossy_text<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
     path.to_string_lossy().serialize(serializer)
 }
 

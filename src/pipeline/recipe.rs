@@ -101,7 +101,7 @@ pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
     let decided = decision::kept_numbers(work, exact)?;
     let kept = decided.map(|numbers| Eigenvalues { values: numbers.eigenvalues, dropped: numbers.dropped_eigenpairs });
     let embedded = || {
-        let values = work.told::<super::embed::EmbeddingStage<'_>>()?.eigenvalues;
+        let values = work.recorded_facts::<super::embed::EmbeddingStage<'_>>()?.eigenvalues;
         Some(Eigenvalues { dropped: values.iter().filter(|value| **value <= 0.).count(), values })
     };
     let remedy = "make them: stage `embedding`";

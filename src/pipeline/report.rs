@@ -3,7 +3,7 @@
 use super::labels::{Part, SegmentedMesh};
 use super::params::{Cluster, SegmentParams};
 use crate::apps::measure::Measures;
-use crate::base::{Result, Told};
+use crate::base::{Result, RunLog};
 use crate::cluster::parts::{Enclosed, PartCount, PartsReport};
 use crate::landmarks::Sampling;
 use crate::store::{Context, json};
@@ -116,7 +116,7 @@ pub struct Bytes {
 }
 
 impl Report {
-    /// Builds the report: for the mesh at `path`, with the seconds and notes in `told`, and with `peak` from a counting
+    /// Builds the report: for the mesh at `path`, with the seconds and notes in `log`, and with `peak` from a counting
     /// allocator, if any.
     ///
     /// # Errors
@@ -126,7 +126,7 @@ impl Report {
         params: &SegmentParams,
         result: &SegmentedMesh,
         context: Context<'_>,
-        told: &Told,
+        log: &RunLog,
         peak: Option<u64>,
     ) -> Result<Self> {
         let (graph, numbers) = (&result.graph, &result.numbers);
@@ -170,10 +170,10 @@ impl Report {
             clear_parts: numbers.decision.as_ref().and_then(|decision| decision.has_clear_parts(&numbers.area)),
             parts: result.parts(),
             measures: None,
-            seconds: told.seconds(),
+            seconds: log.seconds(),
             bytes: Bytes { peak_allocated: peak, budget: context.run.budget.total(), work_dir: context.work.bytes() },
             like: None,
-            notes: told.notes(),
+            notes: log.notes(),
         };
         report.notes.extend(report.remarks(params));
         Ok(report)
@@ -195,8 +195,8 @@ impl Report {
     pub fn inside(&self) -> Option<String> {
         let Enclosed { walls, bodies } = self.decision.as_ref()?.enclosed;
         let percent = |share: f64| format!("{:.0} % of the area", 100. * share);
-        let told = if self.walls_label.is_some() { "are one part" } else { "have the labels of the outside" };
-        let walls = (walls > 0.).then(|| format!("walls of cavities, {}, {told}", percent(walls)));
+        let labelled = if self.walls_label.is_some() { "are one part" } else { "have the labels of the outside" };
+        let walls = (walls > 0.).then(|| format!("walls of cavities, {}, {labelled}", percent(walls)));
         let bodies = (bodies > 0.).then(|| format!("bodies within, {}, are cut on their own", percent(bodies)));
         match (walls, bodies) {
             (Some(walls), Some(bodies)) => Some(format!("{walls}; {bodies}")),

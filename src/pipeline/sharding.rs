@@ -384,16 +384,16 @@ pub fn record(path: &Path, run: &Run) -> Result<Option<Record>> {
 /// Repeats `attempt` until it finds something; waits in between if it reports (`true`) that another process uses the
 /// work directory at `path`.
 fn waiting<R>(path: &Path, run: &Run, mut attempt: impl FnMut() -> Result<Result<R, bool>>) -> Result<R> {
-    let mut told = false;
+    let mut noted = false;
     loop {
         run.cancel.check()?;
         match attempt()? {
             Ok(found) => return Ok(found),
             Err(false) => {}
             Err(true) => {
-                if !told {
+                if !noted {
                     run.progress.note_of_work(&format!("waiting for another process that uses {}", path.display()));
-                    told = true;
+                    noted = true;
                 }
                 std::thread::sleep(Duration::from_millis(200));
             }

@@ -155,7 +155,7 @@ impl UsedOfTwo {
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].
-    pub fn told(&self, found: Correspondence, context: Context<'_>) -> Result<Correspondence> {
+    pub fn in_file_numbering(&self, found: Correspondence, context: Context<'_>) -> Result<Correspondence> {
         if self.0.iter().all(Option::is_none) {
             return Ok(found);
         }

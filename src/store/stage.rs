@@ -250,7 +250,7 @@ impl WorkDir {
     }
 
     /// The recorded facts of the stage `S`, whether its files are intact or not.
-    pub fn told<S: Stage>(&self) -> Option<S::Facts> {
+    pub fn recorded_facts<S: Stage>(&self) -> Option<S::Facts> {
         let record = self.manifest().stages.remove(S::NAME).filter(|record| record.version == S::VERSION)?;
         serde_json::from_value(record.facts).ok()
     }

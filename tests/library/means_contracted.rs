@@ -3,7 +3,7 @@
 
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::evaluate::{contingency, rand};
-use nystrom_stream::base::Told;
+use nystrom_stream::base::RunLog;
 use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::pipeline::report::Report;
@@ -69,7 +69,7 @@ fn quality_of_a_sample_does_not_depend_on_the_tessellation() {
         let work = WorkDir::temporary(folder.path()).unwrap();
         let context = Context::new(&work, &run);
         let result = segment(&mesh, &json!(1), &params, context).unwrap();
-        Report::new(&path, &params, &result, context, &Told::default(), None).unwrap().gamma_per_face.unwrap()
+        Report::new(&path, &params, &result, context, &RunLog::default(), None).unwrap().gamma_per_face.unwrap()
     });
     assert!((per_face[0] / per_face[1] - 1.).abs() < 0.1, "{per_face:?}");
 }

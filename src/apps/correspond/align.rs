@@ -283,7 +283,7 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     };
     let mut refined = run.map_chunks(refined.len(), || (), fine)?;
     sort_by(&mut refined, |x, y| x.rank().total_cmp(&y.rank()));
-    Ok(told_apart(refined, &fine_a, APART * spread))
+    Ok(rival_alignments(refined, &fine_a, APART * spread))
 }
 
 /// The maps that fit well and are not mirrored, if that can be decided.
@@ -311,7 +311,7 @@ fn different(sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Vec<Alignm
 }
 
 /// The first, and those of the others that map the shape differently at about the same cost.
-fn told_apart(mut sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Alignments {
+fn rival_alignments(mut sorted: Vec<Alignment>, points: &[Point], apart: f64) -> Alignments {
     let starts = different(sorted.clone(), points, 0.1 * apart);
     if let Some(best) = sorted.first().cloned() {
         sorted.retain(|one| one.rivals(&best));

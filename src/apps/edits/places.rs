@@ -240,8 +240,8 @@ mod tests {
             assert_eq!(faces(&mesh, &on_sides, None, threads).unwrap(), expected);
         }
         assert!(faces(&mesh, &[[2., 0., 15.]], None, 1).is_ok());
-        let told = faces(&mesh, &[[20., 0., 15.]], None, 1).unwrap_err().to_string();
-        assert!(told.contains("[20, 0, 15] is 18.000 away"), "{told}");
+        let error = faces(&mesh, &[[20., 0., 15.]], None, 1).unwrap_err().to_string();
+        assert!(error.contains("[20, 0, 15] is 18.000 away"), "{error}");
         assert!(faces(&mesh, &[[f64::MAX; 3]], None, 1).is_err());
     }
 

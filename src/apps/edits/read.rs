@@ -165,7 +165,7 @@ mod tests {
     use super::super::data::Colour;
     use super::*;
 
-    fn told(edits: &str) -> String {
+    fn error(edits: &str) -> String {
         let text = format!(r#"{{"format": "nystrom-stream edits", "version": 1, "edits": [{edits}]}}"#);
         Edits::of_text(text.as_bytes(), Path::new("e.json")).unwrap_err().to_string()
     }
@@ -209,8 +209,8 @@ mod tests {
             (r#"{"edit": "cut", "between": [1, 2, 3]}"#, "edit 1 (cut): "),
             ("17", "edit 1: "),
         ] {
-            let told = told(edits);
-            assert!(told.starts_with("e.json: ") && told.contains(part) && told.contains("; "), "{told}");
+            let error = error(edits);
+            assert!(error.starts_with("e.json: ") && error.contains(part) && error.contains("; "), "{error}");
         }
         for text in ["", "[]", "{}", r#"{"format": "x", "version": 1, "edits": []}"#] {
             assert!(Edits::of_text(text.as_bytes(), Path::new("e.json")).is_err(), "{text}");

@@ -235,13 +235,13 @@ mod tests {
         std::fs::write(&mesh, ply).unwrap();
         npy::write::<u32>(&array, &[4, UNLABELLED], 1, false).unwrap();
         for path in [&mesh, &array] {
-            let told = read_labels(path, dir.path(), &Run::new(&())).unwrap_err().to_string();
-            assert!(told.contains("face 1 has no label") && told.contains("on every face"), "{told}");
+            let error = read_labels(path, dir.path(), &Run::new(&())).unwrap_err().to_string();
+            assert!(error.contains("face 1 has no label") && error.contains("on every face"), "{error}");
         }
         std::fs::write(&mesh, ply.replace("-1", "7")).unwrap();
         assert_eq!(read_labels(&mesh, dir.path(), &Run::new(&())).unwrap(), [4, 7]);
         std::fs::write(&mesh, ply.replace("label", "part")).unwrap();
-        let told = read_labels(&mesh, dir.path(), &Run::new(&())).unwrap_err().to_string();
-        assert!(told.contains("no face property `label`"), "{told}");
+        let error = read_labels(&mesh, dir.path(), &Run::new(&())).unwrap_err().to_string();
+        assert!(error.contains("no face property `label`"), "{error}");
     }
 }

@@ -110,14 +110,14 @@ impl<'a> Writer<'a> {
             let pages = Box::new(SerializedPageWriter::new(&mut out));
             let mut writer = get_column_writer(schema.column(k), Arc::clone(properties), pages);
             columns[k](&mut writer)?;
-            let told = writer.close()?;
-            Ok((Bytes::from(out.into_inner()?), told))
+            let chunk = writer.close()?;
+            Ok((Bytes::from(out.into_inner()?), chunk))
         };
         let mut group = self.inner.next_row_group().map_err(wrong(path))?;
         for first in (0..columns.len()).step_by(run.threads.max(1)) {
             let some = run.threads.max(1).min(columns.len() - first);
-            for (bytes, told) in run.map_chunks(some, || (), |k, ()| encode(first + k).map_err(wrong(path)))? {
-                group.append_column(&bytes, told).map_err(wrong(path))?;
+            for (bytes, chunk) in run.map_chunks(some, || (), |k, ()| encode(first + k).map_err(wrong(path)))? {
+                group.append_column(&bytes, chunk).map_err(wrong(path))?;
             }
         }
         group.close().map(drop).map_err(wrong(path))

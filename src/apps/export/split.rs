@@ -392,9 +392,9 @@ mod tests {
 
     /// Records notes.
     #[derive(Default)]
-    struct Told(Mutex<Vec<String>>);
+    struct Notes(Mutex<Vec<String>>);
 
-    impl Progress for Told {
+    impl Progress for Notes {
         fn note(&self, text: &str) {
             self.0.lock().unwrap().push(text.into());
         }
@@ -418,10 +418,10 @@ mod tests {
         let mesh = Mesh::from_slices(&points, &[sides(0), sides(4)].concat()).unwrap();
         let labelling =
             Labelling { labels: &[0, 0, 0, 0, 1, 1, 1, 1], colours: &[[9; 3], [99; 3]], quality: None, names };
-        let told = Told::default();
-        write(folder, &mesh, &labelling, Folder { form, cap: true }, &Run::new(&told)).unwrap();
+        let notes = Notes::default();
+        write(folder, &mesh, &labelling, Folder { form, cap: true }, &Run::new(&notes)).unwrap();
         let list = std::fs::read(folder.join(LIST)).unwrap();
-        (serde_json::from_slice(&list).unwrap(), told.0.into_inner().unwrap())
+        (serde_json::from_slice(&list).unwrap(), notes.0.into_inner().unwrap())
     }
 
     #[test]

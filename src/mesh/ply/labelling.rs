@@ -207,7 +207,7 @@ impl Labelling<'_> {
         let target = options.form.encoding(document.header.encoding);
         let mut remarks = vec![REMARK.to_vec()];
         remarks.extend(names::remarks(self.names));
-        let stale = |remark: &[u8]| remark == REMARK || names::told(remark).is_some();
+        let stale = |remark: &[u8]| remark == REMARK || names::part_name(remark).is_some();
         let faces = mesh.faces.len();
         let count = |element: usize| match split {
             Some(split) if element == document.vertex => split.vertex_count(),

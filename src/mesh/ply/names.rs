@@ -19,7 +19,7 @@ pub(super) fn remarks(names: &[String]) -> Vec<Vec<u8>> {
 }
 
 /// The part and its name, if `remark` is such a comment.
-pub(super) fn told(remark: &[u8]) -> Option<(u32, String)> {
+pub(super) fn part_name(remark: &[u8]) -> Option<(u32, String)> {
     let text = String::from_utf8_lossy(remark.strip_prefix(START.as_bytes())?);
     let (part, name) = text.split_once(": ")?;
     Some((part.parse().ok()?, unescaped(name)))
@@ -47,7 +47,7 @@ fn unescaped(text: &str) -> String {
 /// The names of parts in the header of `document`: empty for none, and at most `parts`.
 pub fn names_of(document: &Document, parts: usize) -> Vec<String> {
     let mut names = Vec::new();
-    for (part, name) in document.header.remarks().filter_map(told) {
+    for (part, name) in document.header.remarks().filter_map(part_name) {
         let part = part as usize;
         if part < parts {
             names.resize(names.len().max(part + 1), String::new());
@@ -67,13 +67,13 @@ mod tests {
         let remarks = remarks(&names);
         // Regression: plyfile rejects headers that are not ASCII.
         assert!(remarks.iter().all(|remark| remark.iter().all(|byte| (b' '..=b'~').contains(byte))));
-        let told: Vec<_> = remarks.iter().filter_map(|remark| told(remark)).collect();
-        assert_eq!(told, [0, 2, 3].map(|part| (part, names[part as usize].clone())));
+        let names_read: Vec<_> = remarks.iter().filter_map(|remark| part_name(remark)).collect();
+        assert_eq!(names_read, [0, 2, 3].map(|part| (part, names[part as usize].clone())));
         assert_eq!(unescaped(r"C:\parts \u{d800} \"), r"C:\parts \u{d800} \");
         for other in
             ["comment part", "comment part x: y", "comment part 1 : y", "comment made by hand", "comment part 1:y"]
         {
-            assert_eq!(super::told(other.as_bytes()), None, "{other}");
+            assert_eq!(part_name(other.as_bytes()), None, "{other}");
         }
         assert_eq!(super::remarks(&["a\nend_header".to_string()]), [b"comment part 0: a\\nend_header".to_vec()]);
     }

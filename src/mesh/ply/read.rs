@@ -195,7 +195,7 @@ impl<'a> Decoder<'a> {
         let vertices = self.header.elements[self.vertex].count as u64;
         let mut sink = FaceSink::create(self.scratch)?;
         let mut sizes: Option<(usize, bool)> = None;
-        let mut told = 0;
+        let mut reported = 0;
         self.each(element, |record| {
             let start = cursor.at();
             for (number, property) in element.properties.iter().enumerate() {
@@ -224,9 +224,9 @@ impl<'a> Decoder<'a> {
             }
             let size = cursor.at() - start;
             sizes = Some(sizes.map_or((size, true), |(first, equal)| (first, equal && first == size)));
-            if sink.faces() >= told + CHUNK as u64 || record + 1 == element.count {
-                self.run.progress.advance("read", sink.faces() - told);
-                told = sink.faces();
+            if sink.faces() >= reported + CHUNK as u64 || record + 1 == element.count {
+                self.run.progress.advance("read", sink.faces() - reported);
+                reported = sink.faces();
             }
             Ok(())
         })?;
