@@ -19,7 +19,7 @@ use crate::graph::DualEdges;
 use crate::graph::row_starts::{OwnedRowStarts, PLAIN, StartsForm};
 use crate::graph::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, GraphFacts, Node};
-use crate::store::needs::{Extent, Needs, Room};
+use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::stage::{Made, Stage, key_of};
 use crate::store::{Context, MappedSlice, Run, WorkDir, npy};
 use serde_json::{Value, json};
@@ -103,12 +103,12 @@ impl Stage for Contraction<'_> {
     }
 
     /// The map to contracted nodes, and the field of the front.
-    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+    fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs {
         let n = extent.faces;
-        let (map, passing) = (room.take(2 * n), room.take(8 * n));
-        room.give_back(passing);
+        let (map, passing) = (estimate.reserve_array(2 * n), estimate.reserve_array(8 * n));
+        estimate.release(passing);
         // Boundaries of contracted nodes and messages: measured for a million faces.
-        let memory = (15 << 20) + room.used() + passing;
+        let memory = (15 << 20) + estimate.used() + passing;
         Needs { memory, keeps: 2 * n - map, passing: 8 * n - passing, ..Needs::default() }.moving(170 * n, 27 * n)
     }
 }

@@ -16,7 +16,7 @@ use crate::graph::NodeView;
 use crate::graph::WeightedGraph;
 use crate::graph::csr::WEIGHTS;
 use crate::graph::dual::{GraphStage, WeightsStage};
-use crate::store::needs::{Extent, Needs, Room};
+use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::rows_file::{RowsFile, are_held};
 use crate::store::stage::{Made, Stage, StageKey};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
@@ -127,21 +127,25 @@ impl Stage for RowsStage<'_> {
     /// The field of the search, the triangle adjacency for fronts, and a row per thread. If rows are not kept, a thread
     /// without memory for one uses a file. If rows are kept in a temporary directory, a field without memory uses the
     /// place of the last row.
-    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+    fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs {
         let (n, l, t) = (extent.faces, extent.landmarks, extent.threads);
         // Kept rows are reserved first, and computed in place if they are in memory.
-        let rows = if extent.keeps_rows && are_held(4 * l * n, room.total()) { room.lend(ROWS, 4 * l * n) } else { 0 };
-        let field = room.take(4 * n);
-        let triangles = room.spare(24 * n);
-        let own: u64 = if rows > 0 { room.spare(4 * n) } else { (0..t).map(|_| room.spare(4 * n)).sum() };
+        let rows = if extent.keeps_rows && are_held(4 * l * n, estimate.total()) {
+            estimate.reserve_named(ROWS, 4 * l * n)
+        } else {
+            0
+        };
+        let field = estimate.reserve_array(4 * n);
+        let triangles = estimate.reserve(24 * n);
+        let own: u64 = if rows > 0 { estimate.reserve(4 * n) } else { (0..t).map(|_| estimate.reserve(4 * n)).sum() };
         // Fronts over a graph larger than memory cache blocks of it: at most three quarters of what is left.
-        let blocks = if extent.paged { (room.left() / 4 * 3).min(t * (28 * n + 4096)) } else { 0 };
-        let memory = room.used() + blocks;
-        room.give_back(field + triangles + own);
+        let blocks = if extent.paged { (estimate.left() / 4 * 3).min(t * (28 * n + 4096)) } else { 0 };
+        let memory = estimate.used() + blocks;
+        estimate.release(field + triangles + own);
         let (keeps, scratch) = if extent.keeps_rows { (4 * l * n - rows, 0) } else { (0, 4 * n * t - own) };
         let field = if extent.keeps_rows && rows == 0 && !extent.lasting && l > 1 { 4 * n } else { field };
         // Weights are deleted once rows are computed from them.
-        let frees = if extent.releases { 4 * extent.corners - room.give_up(WEIGHTS) } else { 0 };
+        let frees = if extent.releases { 4 * extent.corners - estimate.release_named(WEIGHTS) } else { 0 };
         Needs { memory, keeps, passing: 4 * n - field + scratch, frees, ..Needs::default() }
             .moving(35 * l * n, 11 * l * n)
     }

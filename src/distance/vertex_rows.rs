@@ -14,7 +14,7 @@ use super::rows::{LANDMARKS, ROWS, RowParams};
 use super::sampler::{GraphSpace, Sampler, SearchGraph};
 use super::{DistanceRows, Front};
 use crate::base::{Error, Result};
-use crate::store::needs::{Extent, Needs, Room};
+use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::rows_file::RowsFile;
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice};
@@ -139,7 +139,7 @@ impl Stage for VertexRowsStage<'_> {
         DistanceRows::open(facts, self.surface.nodes.len(), key.to_string(), context.work)
     }
 
-    fn needs(extent: &Extent, _: &mut Room) -> Needs {
+    fn needs(extent: &Extent, _: &mut BudgetEstimate) -> Needs {
         Needs { keeps: 4 * extent.landmarks * extent.vertices, passing: 4 * extent.vertices, ..Needs::default() }
     }
 }

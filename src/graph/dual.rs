@@ -23,7 +23,7 @@ use crate::base::parallel::beside;
 use crate::mesh::Mesh;
 use crate::store::checked::all_below;
 use crate::store::manifest::MANIFEST;
-use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
+use crate::store::needs::{BudgetEstimate, Extent, Needs, ShuffleNeeds};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -327,17 +327,17 @@ impl Stage for GraphStage<'_> {
 
     /// Three phases: half-edges and their pairs beside the nodes, matched by blocks, as in a good order; then pairs
     /// beside all that is kept; then the components' roots.
-    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+    fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs {
         let Extent { faces: n, vertices, corners, threads: t, computed, .. } = *extent;
         // Geometry, and per corner a neighbour and two lengths; or only a neighbour and one length.
         let (geometry, corner) = if computed { (0, 8) } else { (28 * n, 12) };
-        let nodes = room.take(geometry);
-        let marks = room.take(2 * vertices);
-        let block = node_blocks::corners_a_block(corners, t, room.left() / 4);
+        let nodes = estimate.reserve_array(geometry);
+        let marks = estimate.reserve_array(2 * vertices);
+        let block = node_blocks::corners_a_block(corners, t, estimate.left() / 4);
         let matching = node_blocks::bytes(block.min(corners), t);
         // About one in ten half-edges lies between blocks.
-        let half_edges = ShuffleNeeds::new(corners / 10, 12, 3 * t, 3, room.left(), t);
-        let left = room.left().saturating_sub(half_edges.granted);
+        let half_edges = ShuffleNeeds::new(corners / 10, 12, 3 * t, 3, estimate.left(), t);
+        let left = estimate.left().saturating_sub(half_edges.granted);
         // A table of pairs, for which the vertex marks are freed; or matching by blocks again, with finished rows
         // waiting.
         let (pairs, granted, kept) = if half_edge_pairs::fit(corners, left) {
@@ -345,21 +345,25 @@ impl Stage for GraphStage<'_> {
         } else {
             (matching, WithinNeeds::new(corners.div_ceil(block), block, corners / 10, t, left).granted, marks)
         };
-        room.give_back(marks - kept);
-        room.grant(granted);
-        let mut edges = room.take(n / 2);
+        estimate.release(marks - kept);
+        estimate.grant(granted);
+        let mut edges = estimate.reserve_array(n / 2);
         // Lengths are kept in memory if they can be assembled there: beside a table of pairs, all or none.
-        let before = room.clone();
-        let arrays = [room.take(4 * corners), room.lend(CENTROID_DISTANCES, 4 * corners), room.take(4 * corners)];
+        let before = estimate.clone();
+        let arrays = [
+            estimate.reserve_array(4 * corners),
+            estimate.reserve_named(CENTROID_DISTANCES, 4 * corners),
+            estimate.reserve_array(4 * corners),
+        ];
         if !computed && kept == 0 && !arrays.contains(&0) {
             edges += arrays.iter().sum::<u64>();
         } else {
-            *room = before;
-            edges += room.take(4 * corners);
+            *estimate = before;
+            edges += estimate.reserve_array(4 * corners);
         }
-        room.give_back(granted + kept);
-        let roots = room.take(4 * n);
-        room.give_back(roots);
+        estimate.release(granted + kept);
+        let roots = estimate.reserve_array(4 * n);
+        estimate.release(roots);
         let keeps = geometry + n / 2 + corner * corners - nodes - edges;
         Needs {
             memory: nodes + (marks + matching + half_edges.held + pairs).max(pairs + edges).max(edges + roots),
@@ -432,10 +436,10 @@ impl Stage for WeightsStage<'_> {
     }
 
     /// Lengths are freed once weights are computed.
-    fn needs(extent: &Extent, room: &mut Room) -> Needs {
-        let weights = room.lend(WEIGHTS, 4 * extent.corners);
-        let (memory, keeps) = (room.used(), 4 * extent.corners - weights);
-        let frees = if extent.releases { 4 * extent.corners - room.give_up(CENTROID_DISTANCES) } else { 0 };
+    fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs {
+        let weights = estimate.reserve_named(WEIGHTS, 4 * extent.corners);
+        let (memory, keeps) = (estimate.used(), 4 * extent.corners - weights);
+        let frees = if extent.releases { 4 * extent.corners - estimate.release_named(CENTROID_DISTANCES) } else { 0 };
         let reads = if extent.computed { 67 } else { 104 };
         Needs { memory, keeps, frees, ..Needs::default() }.moving(reads * extent.faces, 12 * extent.faces)
     }

@@ -28,7 +28,7 @@ use crate::base::vector::{cross, distance, finite, length, minus, narrow, positi
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::geometry::MOST_FACES;
-use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
+use crate::store::needs::{BudgetEstimate, Extent, Needs, ShuffleNeeds};
 use crate::store::npy::ArrayWriter;
 use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets, Shuffle};
 use crate::store::stage::{Made, Stage};
@@ -321,14 +321,14 @@ impl Stage for VertexGraphStage<'_> {
     }
 
     /// 8 bytes per end of an edge, at most two per corner, 8 for the ring, and the nodes.
-    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+    fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs {
         let Extent { faces: n, vertices, corners, threads: t, .. } = *extent;
         let records = 3 * corners.saturating_sub(2 * n);
-        let shuffle = ShuffleNeeds::new(records, 12, 6 * t, 2, room.left(), t);
+        let shuffle = ShuffleNeeds::new(records, 12, 6 * t, 2, estimate.left(), t);
         let all = 44 * vertices + 24 * records;
-        let kept = room.take(all);
+        let kept = estimate.reserve_array(all);
         let passing = (12 * records).saturating_sub(shuffle.held);
-        Needs { memory: shuffle.held + room.used(), keeps: all - kept, passing, ..Needs::default() }
+        Needs { memory: shuffle.held + estimate.used(), keeps: all - kept, passing, ..Needs::default() }
     }
 }
 

@@ -21,7 +21,7 @@ use crate::graph::dual::{GraphStage, WeightsStage};
 use crate::spectral::affinity::KeptEigenpairs;
 use crate::spectral::kernel::Kernel;
 use crate::store::manifest::{MANIFEST, Manifest};
-use crate::store::needs::{Extent, Needs, Room};
+use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, WorkDir, json};
 use nalgebra::DMatrix;
@@ -120,7 +120,7 @@ impl Stage for DecisionStage<'_> {
     }
 
     /// Constant in the size of the mesh.
-    fn needs(_: &Extent, _: &mut Room) -> Needs {
+    fn needs(_: &Extent, _: &mut BudgetEstimate) -> Needs {
         Needs::default()
     }
 }

@@ -11,7 +11,7 @@ use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder, Ordered};
 use crate::mesh::Mesh;
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
-use crate::store::needs::{Extent, Needs, Room};
+use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -96,7 +96,7 @@ impl Stage for EmbeddingStage<'_> {
         Ok(facts)
     }
 
-    fn needs(extent: &Extent, _: &mut Room) -> Needs {
+    fn needs(extent: &Extent, _: &mut BudgetEstimate) -> Needs {
         Needs { keeps: 4 * extent.dimensions * extent.faces, ..Needs::default() }
     }
 }

@@ -19,7 +19,7 @@ use crate::graph::order::{LARGE, OrderStage};
 use crate::mesh::MeshSize;
 use crate::mesh::geometry::check_size;
 use crate::store::disk_speed::DiskSpeed;
-use crate::store::needs::{BASE, Extent, Needs, Room};
+use crate::store::needs::{BASE, BudgetEstimate, Extent, Needs};
 use crate::store::{Run, Stage};
 use serde::Serialize;
 use std::ops::AddAssign;
@@ -132,22 +132,22 @@ fn embeds_faces(extent: &Extent, cluster: Cluster) -> bool {
 /// The needs of labelling: labels and confidences, once more in file order, and before them the decision on parts, or
 /// the sample on which the centres of K-means are found. The rows of K-means over all faces are deleted before labels
 /// are reordered.
-fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
+fn labels_need(extent: &Extent, cluster: Cluster, estimate: &mut BudgetEstimate) -> Needs {
     let n = extent.faces;
     let embeds_faces = embeds_faces(extent, cluster);
-    let before = room.used();
-    let labels = room.take(8 * n);
-    let restored = if extent.reordered { room.take(8 * n) } else { 0 };
+    let before = estimate.used();
+    let labels = estimate.reserve_array(8 * n);
+    let restored = if extent.reordered { estimate.reserve_array(8 * n) } else { 0 };
     // Labels do not exist yet while parts are decided, but they do while centres are found.
-    let held = if cluster == Cluster::Parts { before } else { room.used() };
+    let held = if cluster == Cluster::Parts { before } else { estimate.used() };
     let beside = extent.threads.saturating_sub(1) * cluster.thread_bytes(extent.landmarks);
-    let memory = room.used().max(held + fixed(extent, cluster) + beside);
+    let memory = estimate.used().max(held + fixed(extent, cluster) + beside);
     let frees = if extent.lasting {
         0
     } else if embeds_faces {
-        4 * extent.landmarks * n - room.give_up(ROWS)
+        4 * extent.landmarks * n - estimate.release_named(ROWS)
     } else {
-        4 * extent.corners - room.give_up(WEIGHTS)
+        4 * extent.corners - estimate.release_named(WEIGHTS)
     };
     let rows = if embeds_faces { frees } else { 0 };
     let passing = if extent.reordered { (8 * n - restored).saturating_sub(rows) } else { 0 };
@@ -160,30 +160,30 @@ fn labels_need(extent: &Extent, cluster: Cluster, room: &mut Room) -> Needs {
 
 /// The stages of a run over `extent` and their needs; `decoded` as in [`MeshSize`].
 fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Vec<StagePlan> {
-    let mut room = Room::new(budget, !extent.lasting);
+    let mut estimate = BudgetEstimate::new(budget, !extent.lasting);
     let mut stages = vec![("read", Needs { keeps: decoded, ..Needs::default() })];
     if extent.reordered {
-        stages.push(("order", OrderStage::needs(extent, &mut room)));
+        stages.push(("order", OrderStage::needs(extent, &mut estimate)));
     }
-    stages.push(("graph", GraphStage::needs(extent, &mut room)));
+    stages.push(("graph", GraphStage::needs(extent, &mut estimate)));
     if !embeds_faces(extent, cluster) {
-        stages.push(("surface", SurfaceStage::needs(extent, &mut room)));
+        stages.push(("surface", SurfaceStage::needs(extent, &mut estimate)));
     }
-    let mut weights = WeightsStage::needs(extent, &mut room);
+    let mut weights = WeightsStage::needs(extent, &mut estimate);
     if extent.rough && !extent.lasting {
-        weights.frees += 12 * extent.faces - room.give_up(NORMALS_KEPT);
+        weights.frees += 12 * extent.faces - estimate.release_named(NORMALS_KEPT);
     }
     stages.push(("weights", weights));
     if extent.contracts {
-        stages.push(("contraction", Contraction::needs(extent, &mut room)));
+        stages.push(("contraction", Contraction::needs(extent, &mut estimate)));
         // Nothing that grows with the mesh.
         let rows = if extent.keeps_rows { 4 * extent.landmarks * NODES as u64 } else { 0 };
-        let held = room.take(rows + ON_CONTRACTION);
+        let held = estimate.reserve_array(rows + ON_CONTRACTION);
         stages.push(("rows", Needs { memory: held, keeps: rows + ON_CONTRACTION - held, ..Needs::default() }));
     } else {
-        stages.push(("rows", RowsStage::needs(extent, &mut room)));
+        stages.push(("rows", RowsStage::needs(extent, &mut estimate)));
     }
-    stages.push(("labels", labels_need(extent, cluster, &mut room)));
+    stages.push(("labels", labels_need(extent, cluster, &mut estimate)));
     let least = |name: &str| if name == "labels" { fixed(extent, cluster) } else { BASE };
     let within = |name, needs: Needs| (BASE + needs.memory).min(budget.max(least(name)));
     let planned =

@@ -19,7 +19,7 @@ use crate::distance::rows::{Landmarks, ROWS, RowParams};
 use crate::graph::{DualGraph, WeightedGraph};
 use crate::landmarks::Sampling;
 use crate::store::Context;
-use crate::store::needs::{Extent, Needs, Room};
+use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::stage::{Made, Stage};
 use serde_json::{Value, json};
 use std::sync::{Mutex, PoisonError};
@@ -168,7 +168,7 @@ impl Stage for CellRows<'_> {
         Ok(context.work.array_of::<f64>(FILE, self.rows.len() * self.surface.cells()?.len())?.to_vec())
     }
 
-    fn needs(_: &Extent, _: &mut Room) -> Needs {
+    fn needs(_: &Extent, _: &mut BudgetEstimate) -> Needs {
         Needs::default()
     }
 }

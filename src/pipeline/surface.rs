@@ -18,7 +18,7 @@ use crate::cluster::roughness;
 use crate::distance::voronoi;
 use crate::graph::{DualGraph, Metric, WeightedGraph};
 use crate::store::manifest::MANIFEST;
-use crate::store::needs::{Extent, Needs, Room};
+use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::stage::{Made, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -26,7 +26,7 @@ use serde_json::{Value, json};
 
 const NORMALS: [&str; 3] = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
 const SHARES: &str = "surface_shares.npy";
-/// The name of the kept normals for [`Room`].
+/// The name of the kept normals for [`BudgetEstimate`].
 pub(super) const NORMALS_KEPT: &str = "normals";
 /// The graph of the cells.
 pub(super) const CELL_GRAPH: &str = "cell_graph.json";
@@ -176,7 +176,7 @@ impl Stage for SurfaceStage<'_> {
         })
     }
 
-    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+    fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs {
         let (n, corners) = (extent.faces, extent.corners);
         let kept_normals = if extent.rough { 12 * n } else { 0 };
         // Shares, cells; then other normals, the field and the owners of a front, the weights of cells. Cells need
@@ -188,13 +188,13 @@ impl Stage for SurfaceStage<'_> {
             (computed, true, false) => (if computed { 0 } else { 4 * n }, 0),
             _ => (6 * n, 50 * n + 4 * corners - kept_normals),
         };
-        let held = room.take(keeping) + room.lend(NORMALS_KEPT, kept_normals);
+        let held = estimate.reserve_array(keeping) + estimate.reserve_named(NORMALS_KEPT, kept_normals);
         let keeping = keeping + kept_normals;
-        let taken = room.take(passing);
-        room.give_back(taken);
+        let taken = estimate.reserve_array(passing);
+        estimate.release(taken);
         Needs {
             // Not all of the passing arrays exist at the same time.
-            memory: (if extent.contracts { 12 << 20 } else { 24 << 20 }) + room.used() + taken / 2,
+            memory: (if extent.contracts { 12 << 20 } else { 24 << 20 }) + estimate.used() + taken / 2,
             keeps: keeping - held,
             passing: passing - taken,
             ..Needs::default()

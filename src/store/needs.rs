@@ -2,7 +2,7 @@
 //!
 //! Each stage states it beside its code, in [`super::stage::Stage::needs`], by the same arithmetic that its code uses;
 //! `plan` adds them up. Arrays of a temporary directory are kept in memory while half of the budget stays free, so the
-//! arrays of one stage determine what is left for the next: a [`Room`] is passed from stage to stage.
+//! arrays of one stage determine what is left for the next: a [`BudgetEstimate`] is passed from stage to stage.
 
 use super::shuffle::Sizing;
 use serde::Serialize;
@@ -74,18 +74,18 @@ impl Needs {
 
 /// The budget as arrays in memory see it: they may use it while half of it stays free.
 #[derive(Clone, Debug)]
-pub struct Room {
+pub struct BudgetEstimate {
     total: u64,
     used: u64,
     holding: bool,
     /// Bytes of arrays in memory that a later stage deletes.
-    lent: Vec<(&'static str, u64)>,
+    named: Vec<(&'static str, u64)>,
 }
 
-impl Room {
+impl BudgetEstimate {
     /// A budget of `total` bytes; `holding`: arrays of the work directory may be kept in memory.
     pub fn new(total: u64, holding: bool) -> Self {
-        Self { total, used: 0, holding, lent: Vec::new() }
+        Self { total, used: 0, holding, named: Vec::new() }
     }
 
     /// All of the budget.
@@ -104,30 +104,30 @@ impl Room {
     }
 
     /// How many of `bytes` are kept in memory, if arrays of any kind may be: all or nothing.
-    pub fn spare(&mut self, bytes: u64) -> u64 {
+    pub fn reserve(&mut self, bytes: u64) -> u64 {
         let held = if self.left() >= bytes + self.total / 2 { bytes } else { 0 };
         self.used += held;
         held
     }
 
     /// How many bytes of an array of the work directory are kept in memory.
-    pub fn take(&mut self, bytes: u64) -> u64 {
-        if self.holding { self.spare(bytes) } else { 0 }
+    pub fn reserve_array(&mut self, bytes: u64) -> u64 {
+        if self.holding { self.reserve(bytes) } else { 0 }
     }
 
-    /// [`Room::take`] for an array that a later stage deletes by name.
-    pub fn lend(&mut self, name: &'static str, bytes: u64) -> u64 {
-        let held = self.take(bytes);
-        self.lent.retain(|(other, _)| *other != name);
-        self.lent.push((name, held));
+    /// [`BudgetEstimate::reserve_array`] for an array that a later stage deletes by name.
+    pub fn reserve_named(&mut self, name: &'static str, bytes: u64) -> u64 {
+        let held = self.reserve_array(bytes);
+        self.named.retain(|(other, _)| *other != name);
+        self.named.push((name, held));
         held
     }
 
     /// Frees the array `name`; returns how many bytes of it were in memory.
-    pub fn give_up(&mut self, name: &str) -> u64 {
-        let at = self.lent.iter().position(|(other, _)| *other == name);
-        let held = at.map_or(0, |at| self.lent.swap_remove(at).1);
-        self.give_back(held);
+    pub fn release_named(&mut self, name: &str) -> u64 {
+        let at = self.named.iter().position(|(other, _)| *other == name);
+        let held = at.map_or(0, |at| self.named.swap_remove(at).1);
+        self.release(held);
         held
     }
 
@@ -137,7 +137,7 @@ impl Room {
     }
 
     /// Returns bytes.
-    pub fn give_back(&mut self, bytes: u64) {
+    pub fn release(&mut self, bytes: u64) {
         self.used = self.used.saturating_sub(bytes);
     }
 }

@@ -18,7 +18,7 @@
 use super::folder::LOCK;
 use super::json;
 use super::manifest::{FileRecord, MANIFEST, Manifest, StageRecord, checksum};
-use super::needs::{Extent, Needs, Room};
+use super::needs::{BudgetEstimate, Extent, Needs};
 use super::run::Context;
 use super::workdir::WorkDir;
 use crate::base::parallel::map_chunks;
@@ -64,9 +64,9 @@ pub trait Stage: Sized {
         None
     }
 
-    /// Memory and disk that the stage needs for a mesh of size `extent`, taken from `room` in the order of its code;
+    /// Memory and disk that the stage needs for a mesh of size `extent`, reserved in `estimate` in the order of its code;
     /// see [`super::needs`].
-    fn needs(extent: &Extent, room: &mut Room) -> Needs;
+    fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs;
 }
 
 /// A stage just made: its output, and what the manifest records of it.

@@ -15,7 +15,7 @@ use super::nodes::Frame;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
-use crate::store::needs::{Extent, Needs, Room, ShuffleNeeds};
+use crate::store::needs::{BudgetEstimate, Extent, Needs, ShuffleNeeds};
 use crate::store::npy::Item;
 use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets};
 use crate::store::stage::{Made, Stage};
@@ -280,19 +280,19 @@ impl Stage for OrderStage<'_> {
     }
 
     /// Ranks of the vertices, plus the larger of the two sorts.
-    fn needs(extent: &Extent, room: &mut Room) -> Needs {
+    fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs {
         let Extent { faces: n, vertices, corners, threads: t, reordered, .. } = *extent;
         if !reordered {
             return Needs::default();
         }
-        let budget = room.total();
-        let ranks = room.take(4 * vertices);
+        let budget = estimate.total();
+        let ranks = estimate.reserve_array(4 * vertices);
         let joined = budget < 8 * vertices;
         let left = if joined { budget } else { budget - 4 * vertices };
         let held = |records, size, part| ShuffleNeeds::new(records, size, 6 * t, part, left, t).held;
         let memory = if joined { budget } else { held(vertices, 24, 2).max(held(n, 20, 3)) };
         let passing = 4 * vertices + (24 * vertices).max(20 * n + if joined { 16 * corners } else { 0 });
-        room.give_back(ranks);
+        estimate.release(ranks);
         Needs {
             memory: memory + ranks,
             keeps: 12 * vertices + 4 * corners + 4 * n,
