@@ -98,7 +98,7 @@ impl Pages {
 
     /// Passes the blocks of `graph` to `work` if they are [needed](Pages::needed); meanwhile the kernel's own
     /// read-ahead is off.
-    pub(super) fn lend<R>(graph: Csr<'_>, bytes: usize, run: &Run, work: impl FnOnce(Option<Self>) -> R) -> R {
+    pub(super) fn with_pages<R>(graph: Csr<'_>, bytes: usize, run: &Run, work: impl FnOnce(Option<Self>) -> R) -> R {
         if !Self::needed(graph, bytes, run) {
             return work(None);
         }

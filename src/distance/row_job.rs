@@ -107,7 +107,7 @@ impl RowJob<'_> {
         }
         let temporary = format!("nearest-{}.tmp", self.spec.shard);
         let mut own: Option<ArrayMut<f32>> = context.work.array_in_memory(&temporary, &[n]);
-        if own.is_none() && !sink.lends_last() {
+        if own.is_none() && !sink.last_row_is_free() {
             own = Some(context.work.array(&temporary, &[n])?);
         }
         let mut field = own.as_mut().map(ArrayMut::data);
@@ -122,7 +122,7 @@ impl RowJob<'_> {
         let cached = direct.and_then(|files| Some((files, Division::of(graph, each)?)));
         let running =
             Running { job: RowJob { graph, ..*self }, mean, lengths: None, cached: cached.as_ref(), sink, context };
-        Pages::lend(self.graph, bytes, context.run, |pages| {
+        Pages::with_pages(self.graph, bytes, context.run, |pages| {
             if self.sampler.needs_lengths() {
                 running.with_lengths(field.take(), pages)
             } else {
@@ -294,7 +294,7 @@ impl Running<'_, '_> {
             return Ok(Scratch::InPlace);
         }
         if !front.is_paged()
-            && let Some(words) = AlignedBuffer::spare(&self.context.run.budget, 4 * n)
+            && let Some(words) = AlignedBuffer::try_new(&self.context.run.budget, 4 * n)
         {
             return Ok(Scratch::Granted(words));
         }

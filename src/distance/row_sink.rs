@@ -58,7 +58,7 @@ impl<'a> RowSink<'a> {
     /// Whether the search for landmarks may use the space of the last row as its field, since that row is computed only
     /// when all landmarks are known. Requires that rows go to a file, that all of them are wanted, that there are
     /// several, and that none is done yet.
-    pub fn lends_last(&self) -> bool {
+    pub fn last_row_is_free(&self) -> bool {
         let in_file = matches!(&self.target, Target::File { journal: None, .. });
         in_file && self.spec.of == 1 && self.spec.rows > 1 && self.done.is_empty()
     }

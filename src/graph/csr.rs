@@ -231,7 +231,7 @@ impl TriangleAdjacency {
         if let RowStarts::Plain(_) = graph.starts {
             return Ok(None);
         }
-        let Some(mut words) = AlignedBuffer::spare(&run.budget, graph.len() * size_of::<TriangleNeighbours>()) else {
+        let Some(mut words) = AlignedBuffer::try_new(&run.budget, graph.len() * size_of::<TriangleNeighbours>()) else {
             return Ok(None);
         };
         let all: &mut [TriangleNeighbours] = words.items_mut(graph.len());

@@ -48,7 +48,7 @@ impl InMemoryArrays {
 
     /// Zeroed memory for at least `bytes` bytes, where the budget can spare them.
     pub fn take(&self, bytes: usize) -> Option<AlignedBuffer> {
-        AlignedBuffer::spare(&self.budget, bytes)
+        AlignedBuffer::try_new(&self.budget, bytes)
     }
 
     fn arrays(&self) -> MutexGuard<'_, BTreeMap<String, (MappedBytes, usize)>> {

@@ -49,7 +49,7 @@ impl AlignedBuffer {
 
     /// Memory for at least `bytes` bytes on large pages, if `budget` can spare them: half of it stays free for others.
     /// The pages are first touched by the threads that fill them.
-    pub fn spare(budget: &Budget, bytes: usize) -> Option<Self> {
+    pub fn try_new(budget: &Budget, bytes: usize) -> Option<Self> {
         let bytes = bytes.next_multiple_of(size_of::<u64>()) as u64;
         if budget.left() < bytes.saturating_add(budget.total() / 2) {
             return None;
@@ -59,7 +59,7 @@ impl AlignedBuffer {
 
     /// A copy of `items`, if `budget` can spare the memory.
     pub fn copy_of<T: Pod>(budget: &Budget, items: &[T]) -> Option<Self> {
-        let mut words = Self::spare(budget, size_of_val(items))?;
+        let mut words = Self::try_new(budget, size_of_val(items))?;
         words.items_mut(items.len()).copy_from_slice(items);
         Some(words)
     }

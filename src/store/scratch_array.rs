@@ -33,7 +33,7 @@ impl<T: Pod> ScratchArray<T> {
     pub fn new(name: &str, len: usize, context: Context<'_>) -> Result<Self> {
         const { assert!(size_of::<T>().is_multiple_of(size_of::<u32>()) && align_of::<T>() <= align_of::<u32>()) };
         let words = len * (size_of::<T>() / size_of::<u32>());
-        let words = match AlignedBuffer::spare(&context.run.budget, words * size_of::<u32>()) {
+        let words = match AlignedBuffer::try_new(&context.run.budget, words * size_of::<u32>()) {
             Some(buffer) => Words::Memory(MappedSliceMut::held(buffer, words)),
             None => Words::File(ArrayMut::create(&context.work.new_file(name)?, &[words])?),
         };
