@@ -185,7 +185,7 @@ impl DistanceRows {
     pub fn kept(graph: &str, nodes: usize, work: &WorkDir) -> Result<Self> {
         let remedy = "make them first: stage `rows`";
         let none = || Error::work_dir(work.path(), "holds no rows", remedy);
-        let kept = work.kept::<RowsStage<'_>>(remedy)?;
+        let kept = work.finished_stage::<RowsStage<'_>>(remedy)?;
         let manifest = work.manifest();
         let weights = manifest.stages.get(WeightsStage::NAME).ok_or_else(none)?;
         if kept.inputs["weights"] != weights.key || weights.inputs["graph"] != graph {
@@ -230,7 +230,7 @@ impl DistanceRows {
 
     /// The finished rows of `work`, if there are any, whatever their options.
     pub(super) fn whole(work: &WorkDir) -> Option<Self> {
-        let kept = work.kept::<RowsStage<'_>>("").ok()?;
+        let kept = work.finished_stage::<RowsStage<'_>>("").ok()?;
         let distances: MappedSlice<f32> = work.open_array(ROWS).ok()?;
         let nodes = distances.len().checked_div(kept.facts.rows.len())?;
         Self::open(kept.facts.rows, nodes, kept.key, work).ok()

@@ -149,7 +149,7 @@ impl DualGraph {
     /// # Errors
     /// [`crate::base::Error::WorkDir`] if there is none or its files are missing or damaged.
     pub fn kept(work: &WorkDir) -> Result<(Self, Value)> {
-        let kept = work.kept::<GraphStage<'_>>("make it with the options of before: stage `record`")?;
+        let kept = work.finished_stage::<GraphStage<'_>>("make it with the options of before: stage `record`")?;
         Ok((Self::open(work, kept.facts, StartsForm::Packed, kept.key)?, kept.inputs["input"].clone()))
     }
 

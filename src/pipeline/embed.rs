@@ -37,7 +37,7 @@ pub struct EmbeddingFacts {
 
 /// The facts of the embedding in `work`, if there is one that is complete and based on the current rows.
 pub fn kept(work: &WorkDir) -> Option<EmbeddingFacts> {
-    let facts = work.kept::<EmbeddingStage<'_>>("").ok()?.facts;
+    let facts = work.finished_stage::<EmbeddingStage<'_>>("").ok()?.facts;
     DistanceRows::kept_key(work).is_some_and(|rows| rows == facts.rows).then_some(facts)
 }
 

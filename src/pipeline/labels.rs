@@ -183,7 +183,7 @@ pub(super) fn stage_key(graph: &DualGraph, params: &SegmentParams, seed: u64) ->
 /// # Errors
 /// [`crate::base::Error::Io`].
 pub(super) fn begin(work: &WorkDir) -> Result<Option<StageRecord>> {
-    work.give_up(STAGE)
+    work.remove_record(STAGE)
 }
 
 /// Brings labels into file order, colours the parts and records the result. The caller calls [`begin`] before it writes
@@ -297,7 +297,7 @@ impl Labels {
     /// [`crate::base::Error::WorkDir`] if there are none.
     pub fn read(work: &WorkDir) -> Result<Self> {
         let remedy = "make them first: stage `labels`";
-        let facts = work.recorded::<LabelFacts>(STAGE, LABELS_VERSION, remedy)?.facts;
+        let facts = work.finished_stage_named::<LabelFacts>(STAGE, LABELS_VERSION, remedy)?.facts;
         let labels = work.open_array::<u32>(LABELS)?;
         let labels = work.indices(LABELS, labels.len(), facts.parts.len())?;
         let quality = work.array_of(QUALITY, labels.len())?;

@@ -81,7 +81,7 @@ pub struct Made<S: Stage> {
 
 /// A finished stage as recorded in the manifest, found by its name alone.
 #[derive(Clone, Debug)]
-pub struct Kept<F> {
+pub struct FinishedStage<F> {
     /// Its facts.
     pub facts: F,
     /// Its key.
@@ -211,7 +211,7 @@ impl WorkDir {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub(crate) fn give_up(&self, name: &str) -> Result<Option<StageRecord>> {
+    pub(crate) fn remove_record(&self, name: &str) -> Result<Option<StageRecord>> {
         let mut manifest = self.manifest_lock();
         let record = manifest.stages.remove(name);
         if record.is_some() {
@@ -230,23 +230,28 @@ impl WorkDir {
     ///
     /// # Errors
     /// [`Error::WorkDir`] if there is none, if its files are missing or damaged, or if an older program made it.
-    pub fn kept<S: Stage>(&self, remedy: &str) -> Result<Kept<S::Facts>> {
-        self.recorded(S::NAME, S::VERSION, remedy)
+    pub fn finished_stage<S: Stage>(&self, remedy: &str) -> Result<FinishedStage<S::Facts>> {
+        self.finished_stage_named(S::NAME, S::VERSION, remedy)
     }
 
-    /// [`WorkDir::kept`] for a stage given by name. The manifest stays unchanged: a file that cannot be read now may be
+    /// [`WorkDir::finished_stage`] for a stage given by name. The manifest stays unchanged: a file that cannot be read now may be
     /// there later, and a reader cannot rebuild it.
     ///
     /// # Errors
-    /// As [`WorkDir::kept`].
-    pub fn recorded<T: DeserializeOwned>(&self, name: &str, version: u32, remedy: &str) -> Result<Kept<T>> {
+    /// As [`WorkDir::finished_stage`].
+    pub fn finished_stage_named<T: DeserializeOwned>(
+        &self,
+        name: &str,
+        version: u32,
+        remedy: &str,
+    ) -> Result<FinishedStage<T>> {
         let stage = self.manifest().stages.remove(name);
         let stage = stage.ok_or_else(|| Error::work_dir(self.path(), format!("holds no {name}"), remedy))?;
         let facts = self
             .look_up(name, version, &stage.key)
             .and_then(facts)
             .map_err(|problem| Error::work_dir(self.path(), format!("{name}: {problem}"), remedy))?;
-        Ok(Kept { facts, key: stage.key, inputs: stage.inputs })
+        Ok(FinishedStage { facts, key: stage.key, inputs: stage.inputs })
     }
 
     /// The recorded facts of the stage `S`, whether its files are intact or not.

@@ -98,7 +98,7 @@ impl NodeOrder {
             return Ok(Self { order: Some(work.array_of(ORDER, nodes)?), facts });
         }
         let remedy = "make it again: stage `graph`";
-        let kept = work.kept::<OrderStage<'_>>(remedy)?;
+        let kept = work.finished_stage::<OrderStage<'_>>(remedy)?;
         if input["key"] != kept.key {
             return Err(Error::work_dir(work.path(), "order: it is not the graph's", remedy));
         }
