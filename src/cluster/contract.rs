@@ -20,7 +20,7 @@ use crate::graph::row_starts::{OwnedRowStarts, PLAIN, StartsForm};
 use crate::graph::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, GraphFacts, Node};
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
-use crate::store::stage::{Made, Stage, key_of};
+use crate::store::stage::{BuiltStage, Stage, key_of};
 use crate::store::{Context, MappedSlice, Run, WorkDir, npy};
 use serde_json::{Value, json};
 
@@ -85,11 +85,11 @@ impl Stage for Contraction<'_> {
         Some(("faces", self.graph.nodes.len() as u64))
     }
 
-    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let output = contract(&self, key, context)?;
         let mut files = vec![OF_FACE, SEEDS, AREAS, NODE_GEOMETRY, WEIGHTS, PLAIN];
         files.extend(EDGES);
-        Ok(Made { facts: output.graph.facts.clone(), output, files })
+        Ok(BuiltStage { facts: output.graph.facts.clone(), output, files })
     }
 
     fn open(self, facts: GraphFacts, key: &str, context: Context<'_>) -> Result<ContractedSurface> {

@@ -18,7 +18,7 @@ use crate::graph::csr::WEIGHTS;
 use crate::graph::dual::{GraphStage, WeightsStage};
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::rows_file::{RowsFile, are_held};
-use crate::store::stage::{Made, Stage, StageKey};
+use crate::store::stage::{BuiltStage, Stage, StageKey};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -109,11 +109,11 @@ impl Stage for RowsStage<'_> {
         self.0.spec.options.clone()
     }
 
-    fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, _: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let (file, entries) = self.0.compute(ROWS, JOURNAL, context)?;
         let entries: Vec<JournalEntry> = entries.into_values().collect();
         let output = DistanceRows::finish(file, &entries, self.0.spec, context.work)?;
-        Ok(Made { facts: Facts { rows: output.facts.clone() }, output, files: FILES.to_vec() })
+        Ok(BuiltStage { facts: Facts { rows: output.facts.clone() }, output, files: FILES.to_vec() })
     }
 
     fn open(self, facts: Facts, key: &str, context: Context<'_>) -> Result<DistanceRows> {

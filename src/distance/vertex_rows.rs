@@ -16,7 +16,7 @@ use super::{DistanceRows, Front};
 use crate::base::{Error, Result};
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::rows_file::RowsFile;
-use crate::store::stage::{Made, Stage};
+use crate::store::stage::{BuiltStage, Stage};
 use crate::store::{Context, MappedSlice};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -117,7 +117,7 @@ impl Stage for VertexRowsStage<'_> {
         self.inputs.clone()
     }
 
-    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let Self { surface, sampler, l, distance, inputs } = self;
         let nodes = surface.nodes.len();
         let spec = JobSpec { key: key.to_string(), options: inputs, rows: l, nodes, shard: 0, of: 1 };
@@ -132,7 +132,7 @@ impl Stage for VertexRowsStage<'_> {
         let (mut rows, _) = context.run.stage("rows", "rows", l as u64, fill)?;
         crate::store::npy::write(&context.work.file(LANDMARKS), &rows.landmarks, 1, true)?;
         rows.key = spec.key;
-        Ok(Made { facts: rows.facts.clone(), output: rows, files: vec![LANDMARKS, ROWS] })
+        Ok(BuiltStage { facts: rows.facts.clone(), output: rows, files: vec![LANDMARKS, ROWS] })
     }
 
     fn open(self, facts: Self::Facts, key: &str, context: Context<'_>) -> Result<DistanceRows> {

@@ -24,7 +24,7 @@ use crate::mesh::Mesh;
 use crate::store::checked::all_below;
 use crate::store::manifest::MANIFEST;
 use crate::store::needs::{BudgetEstimate, Extent, Needs, ShuffleNeeds};
-use crate::store::stage::{Made, Stage};
+use crate::store::stage::{BuiltStage, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -301,7 +301,7 @@ impl Stage for GraphStage<'_> {
         if self.computed { json!({"input": self.input, "computed": true}) } else { json!({"input": self.input}) }
     }
 
-    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let graph = DualGraph::make(&self, context, key.to_string())?;
         let mut files = FILES.to_vec();
         if graph.nodes.is_computed() {
@@ -310,7 +310,7 @@ impl Stage for GraphStage<'_> {
         if graph.components.is_some() {
             files.push(components::FILE);
         }
-        Ok(Made { facts: graph.facts.clone(), output: graph, files })
+        Ok(BuiltStage { facts: graph.facts.clone(), output: graph, files })
     }
 
     fn open(self, facts: GraphFacts, key: &str, context: Context<'_>) -> Result<DualGraph> {
@@ -419,11 +419,11 @@ impl Stage for WeightsStage<'_> {
         inputs
     }
 
-    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let Self { graph: DualGraph { edges, nodes, .. }, metric, normals, area, .. } = self;
         let weighting = Weighting { edges, nodes, normals: normals.map(|of| of.normals), area, metric };
         let weights = weighting.build(WEIGHTS, context)?;
-        Ok(Made { output: self.matrix(weights, key, context.work)?, facts: (), files: vec![WEIGHTS] })
+        Ok(BuiltStage { output: self.matrix(weights, key, context.work)?, facts: (), files: vec![WEIGHTS] })
     }
 
     fn open(self, (): (), key: &str, context: Context<'_>) -> Result<WeightedGraph> {

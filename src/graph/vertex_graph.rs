@@ -31,7 +31,7 @@ use crate::mesh::geometry::MOST_FACES;
 use crate::store::needs::{BudgetEstimate, Extent, Needs, ShuffleNeeds};
 use crate::store::npy::ArrayWriter;
 use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets, Shuffle};
-use crate::store::stage::{Made, Stage};
+use crate::store::stage::{BuiltStage, Stage};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -311,9 +311,9 @@ impl Stage for VertexGraphStage<'_> {
         json!({"input": self.input})
     }
 
-    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let graph = VertexGraph::build(self.mesh, self.path, context)?;
-        Ok(Made { facts: (graph.facts, graph.frame), output: (graph, key.to_string()), files: FILES.to_vec() })
+        Ok(BuiltStage { facts: (graph.facts, graph.frame), output: (graph, key.to_string()), files: FILES.to_vec() })
     }
 
     fn open(self, (facts, frame): Self::Facts, key: &str, context: Context<'_>) -> Result<Self::Output> {

@@ -22,7 +22,7 @@ use crate::spectral::affinity::KeptEigenpairs;
 use crate::spectral::kernel::Kernel;
 use crate::store::manifest::{MANIFEST, Manifest};
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
-use crate::store::stage::{Made, Stage};
+use crate::store::stage::{BuiltStage, Stage};
 use crate::store::{Context, WorkDir, json};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -88,7 +88,7 @@ impl Stage for DecisionStage<'_> {
     }
 
     /// Also computes the rows, if needed.
-    fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, _: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let sample = self.surface.representative(self.landmarks(), self.params, context)?;
         let cells = &self.surface.surface.cells()?.graph;
         let _grant = Cluster::Parts.grant(sample.len(), self.surface.graph.nodes.len(), context.run)?;
@@ -102,7 +102,7 @@ impl Stage for DecisionStage<'_> {
         work.write(WALLS, &walls, 1)?;
         let facts = DecisionFacts { l: sample.len(), seconds, numbers: numbers(&sample), enclosed: decided.enclosed };
         let files = vec![TREE, SUPERFACES, AREAS, CO_ASSOCIATION, WALLS];
-        Ok(Made { output: (decided, facts.clone()), facts, files })
+        Ok(BuiltStage { output: (decided, facts.clone()), facts, files })
     }
 
     fn open(self, facts: DecisionFacts, _: &str, context: Context<'_>) -> Result<Self::Output> {

@@ -12,7 +12,7 @@ use crate::graph::{DualGraph, NodeOrder, Ordered};
 use crate::mesh::Mesh;
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
-use crate::store::stage::{Made, Stage};
+use crate::store::stage::{BuiltStage, Stage};
 use crate::store::{Context, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -78,7 +78,7 @@ impl Stage for EmbeddingStage<'_> {
         Some(("faces", self.rows.nodes as u64))
     }
 
-    fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, _: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let columns = SampledColumns::sample(self.rows, |node| self.graph.nodes.at(node).area, context.run);
         let embedding = Embedding::fit(self.rows, &columns, self.params)?;
         write(self.rows, &embedding, self.order, context)?;
@@ -89,7 +89,7 @@ impl Stage for EmbeddingStage<'_> {
             eigenvalues: embedding.eigenvalues,
             rows: self.rows.key.clone(),
         };
-        Ok(Made { output: facts.clone(), facts, files: vec![FILE] })
+        Ok(BuiltStage { output: facts.clone(), facts, files: vec![FILE] })
     }
 
     fn open(self, facts: EmbeddingFacts, _: &str, _: Context<'_>) -> Result<EmbeddingFacts> {

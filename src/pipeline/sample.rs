@@ -20,7 +20,7 @@ use crate::graph::{DualGraph, WeightedGraph};
 use crate::landmarks::Sampling;
 use crate::store::Context;
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
-use crate::store::stage::{Made, Stage};
+use crate::store::stage::{BuiltStage, Stage};
 use serde_json::{Value, json};
 use std::sync::{Mutex, PoisonError};
 
@@ -156,12 +156,12 @@ impl Stage for CellRows<'_> {
         Some(("rows", self.rows.len() as u64))
     }
 
-    fn make(self, _: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, _: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let Self { rows, surface } = self;
         let cells = surface.cells()?;
         let b = cells::average(rows, cells, &surface.shares, context.run)?;
         context.work.write(FILE, &b, cells.len())?;
-        Ok(Made { output: b, facts: (), files: vec![FILE] })
+        Ok(BuiltStage { output: b, facts: (), files: vec![FILE] })
     }
 
     fn open(self, (): (), _: &str, context: Context<'_>) -> Result<Vec<f64>> {

@@ -19,7 +19,7 @@ use crate::distance::voronoi;
 use crate::graph::{DualGraph, Metric, WeightedGraph};
 use crate::store::manifest::MANIFEST;
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
-use crate::store::stage::{Made, Stage};
+use crate::store::stage::{BuiltStage, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -121,7 +121,7 @@ impl Stage for SurfaceStage<'_> {
         json!({"graph": self.graph.key, "cells": self.cells, "seed": context.run.seed})
     }
 
-    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let graph = self.graph;
         let n = graph.nodes.len() as u64;
         let shares = AreaShares::of(graph, context)?;
@@ -151,7 +151,7 @@ impl Stage for SurfaceStage<'_> {
         let facts = SurfaceFacts { unit: shares.unit, tiny_nodes: shares.tiny_nodes, radius, turning };
         let radius = radius.map_or(0., |k| RADII[k]);
         let output = PreparedSurface { shares, cells, normals, radius, key: key.to_string() };
-        Ok(Made { output, facts, files })
+        Ok(BuiltStage { output, facts, files })
     }
 
     fn open(self, facts: SurfaceFacts, key: &str, context: Context<'_>) -> Result<PreparedSurface> {

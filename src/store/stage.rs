@@ -51,7 +51,7 @@ pub trait Stage: Sized {
     ///
     /// # Errors
     /// Those of the work.
-    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>>;
+    fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>>;
 
     /// Opens the files of an earlier run.
     ///
@@ -70,7 +70,7 @@ pub trait Stage: Sized {
 }
 
 /// A stage just made: its output, and what the manifest records of it.
-pub struct Made<S: Stage> {
+pub struct BuiltStage<S: Stage> {
     /// What later stages receive.
     pub output: S::Output,
     /// For the manifest.
@@ -92,7 +92,7 @@ pub struct FinishedStage<F> {
 
 /// Why a stage has to be (re)built.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum StageMiss {
+pub enum RebuildReason {
     /// It was never made, or its files were deleted.
     NotMade,
     /// Another version of the program made it.
@@ -108,7 +108,7 @@ pub enum StageMiss {
     Damaged(String),
 }
 
-impl fmt::Display for StageMiss {
+impl fmt::Display for RebuildReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotMade => f.write_str("it was not made yet"),
@@ -128,8 +128,8 @@ pub fn key_of(name: &str, version: u32, inputs: &Value) -> String {
 }
 
 /// Parses the facts recorded in the manifest.
-fn facts<T: DeserializeOwned>(kept: Value) -> Result<T, StageMiss> {
-    serde_json::from_value(kept).map_err(|error| StageMiss::Damaged(format!("its facts are unreadable: {error}")))
+fn facts<T: DeserializeOwned>(kept: Value) -> Result<T, RebuildReason> {
+    serde_json::from_value(kept).map_err(|error| RebuildReason::Damaged(format!("its facts are unreadable: {error}")))
 }
 
 impl Context<'_> {
@@ -146,7 +146,7 @@ impl Context<'_> {
                 self.run.progress.note_of_work(&format!("{}: reused", S::NAME));
                 return stage.open(facts, &key, self);
             }
-            Err(StageMiss::NotMade) => {}
+            Err(RebuildReason::NotMade) => {}
             Err(reason) => self.run.progress.note_of_work(&format!("{}: made anew, {reason}", S::NAME)),
         }
         let (made, seconds) = match stage.progress() {
@@ -193,17 +193,17 @@ impl WorkDir {
     /// # Errors
     /// Why the stage has to be (re)built. The stage is then removed from the manifest, so that a run killed while
     /// rebuilding it leaves no record of files that no longer exist.
-    pub fn reuse<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, StageMiss> {
+    pub fn reuse<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, RebuildReason> {
         self.look_up(stage, version, key).and_then(facts).map_err(|reason| self.forget(stage, reason))
     }
 
     /// Removes `stage` from the manifest and returns `reason`, or the reason why that failed.
-    fn forget(&self, stage: &str, reason: StageMiss) -> StageMiss {
+    fn forget(&self, stage: &str, reason: RebuildReason) -> RebuildReason {
         let mut manifest = self.manifest_lock();
         if self.shared || manifest.stages.remove(stage).is_none() {
             return reason;
         }
-        self.save(&mut manifest).map_or_else(|error| StageMiss::Damaged(error.to_string()), |()| reason)
+        self.save(&mut manifest).map_or_else(|error| RebuildReason::Damaged(error.to_string()), |()| reason)
     }
 
     /// Removes the stage `name` from the manifest, since its files are about to be rewritten; returns its record.
@@ -261,14 +261,14 @@ impl WorkDir {
     }
 
     /// The facts of a finished stage as stored in the manifest.
-    fn look_up(&self, stage: &str, version: u32, key: &str) -> Result<Value, StageMiss> {
+    fn look_up(&self, stage: &str, version: u32, key: &str) -> Result<Value, RebuildReason> {
         let manifest = self.manifest_lock();
-        let record = manifest.stages.get(stage).ok_or(StageMiss::NotMade)?;
+        let record = manifest.stages.get(stage).ok_or(RebuildReason::NotMade)?;
         if record.version != version {
-            return Err(StageMiss::OtherVersion { found: record.version, now: version });
+            return Err(RebuildReason::OtherVersion { found: record.version, now: version });
         }
         if record.key != key {
-            return Err(StageMiss::OtherInputs);
+            return Err(RebuildReason::OtherInputs);
         }
         // In parallel: reading for the checksums is what takes longest when only the number of parts changes. None in a
         // temporary directory.
@@ -276,9 +276,9 @@ impl WorkDir {
         let threads = if self.is_temporary() { 1 } else { files.len() };
         let check = |k: usize, (): &mut ()| Ok(self.harm(files[k].0, files[k].1));
         let checked = map_chunks(threads, &Cancel::default(), files.len(), || (), check);
-        let checked = checked.map_err(|error| StageMiss::Damaged(error.to_string()))?;
+        let checked = checked.map_err(|error| RebuildReason::Damaged(error.to_string()))?;
         if let Some((harm, (name, _))) = checked.into_iter().zip(files).find_map(|(harm, file)| Some((harm?, file))) {
-            return Err(StageMiss::Damaged(format!("{name} {harm}")));
+            return Err(RebuildReason::Damaged(format!("{name} {harm}")));
         }
         Ok(record.facts.clone())
     }

@@ -452,7 +452,7 @@ impl Drop for WorkDir {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::stage::{StageKey, StageMiss, key_of};
+    use crate::store::stage::{RebuildReason, StageKey, key_of};
     use serde_json::json;
 
     #[test]
@@ -478,20 +478,20 @@ mod tests {
         }
         let work = WorkDir::open(&path).unwrap();
         assert_eq!(work.reuse::<i32>("s", 1, &key), Ok(7));
-        assert_eq!(work.reuse::<i32>("t", 1, &key), Err(StageMiss::NotMade));
+        assert_eq!(work.reuse::<i32>("t", 1, &key), Err(RebuildReason::NotMade));
         let whole = std::fs::read(work.file("x.npy")).unwrap();
         let mut flipped = whole.clone();
         *flipped.last_mut().unwrap() ^= 1;
         for (bytes, reason) in [(&whole[..1], "bytes"), (&flipped[..], "damaged")] {
             std::fs::write(work.file("x.npy"), bytes).unwrap();
-            let Err(StageMiss::Damaged(problem)) = work.reuse::<i32>("s", 1, &key) else { panic!("{reason}") };
+            let Err(RebuildReason::Damaged(problem)) = work.reuse::<i32>("s", 1, &key) else { panic!("{reason}") };
             assert!(problem.contains(reason), "{problem}");
             // A stage that has to be rebuilt is removed from the manifest at once.
             std::fs::write(work.file("x.npy"), &whole).unwrap();
-            assert_eq!(work.reuse::<i32>("s", 1, &key), Err(StageMiss::NotMade));
+            assert_eq!(work.reuse::<i32>("s", 1, &key), Err(RebuildReason::NotMade));
             work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
         }
-        assert_eq!(work.reuse::<i32>("s", 1, "other"), Err(StageMiss::OtherInputs));
+        assert_eq!(work.reuse::<i32>("s", 1, "other"), Err(RebuildReason::OtherInputs));
         work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
         let other = work.reuse::<i32>("s", 2, &key).unwrap_err();
         assert_eq!(other.to_string(), "another version of the program made it (algorithm 1, now 2)");
@@ -551,7 +551,7 @@ mod tests {
         let manifest = json!({"format": 1, "program": "nystrom-stream 0.1.0", "stages": {"s": stage}});
         std::fs::write(dir.path().join(MANIFEST), manifest.to_string()).unwrap();
         let work = WorkDir::open(dir.path()).unwrap();
-        assert!(matches!(work.reuse::<i32>("s", 1, "k"), Err(StageMiss::OtherVersion { .. })));
+        assert!(matches!(work.reuse::<i32>("s", 1, "k"), Err(RebuildReason::OtherVersion { .. })));
         // Regression: the manifest named the program that created the directory, not the one that last wrote to it.
         work.stamp(StageKey::new("s", 2, json!({})), &[], &7, 0.5).unwrap();
         let manifest: Value = serde_json::from_slice(&std::fs::read(dir.path().join(MANIFEST)).unwrap()).unwrap();

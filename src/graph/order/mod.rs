@@ -18,7 +18,7 @@ use crate::mesh::Mesh;
 use crate::store::needs::{BudgetEstimate, Extent, Needs, ShuffleNeeds};
 use crate::store::npy::Item;
 use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets};
-use crate::store::stage::{Made, Stage};
+use crate::store::stage::{BuiltStage, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
 use face_sort::ORDER;
 use serde::{Deserialize, Serialize};
@@ -263,12 +263,12 @@ impl Stage for OrderStage<'_> {
         json!({"input": self.input, "order": "hilbert"})
     }
 
-    fn make(self, key: &str, context: Context<'_>) -> Result<Made<Self>> {
+    fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let Self { mesh, frame, found: Locality { far_steps, stretch }, .. } = self;
         sort(mesh, &frame, context)?;
         let facts = OrderFacts { far_steps, stretch, reordered: true };
         let files = [&[ORDER, VERTICES], face_sort::files(&mesh.faces)].concat();
-        Ok(Made { output: Ordered::open(mesh, facts, key, context.work)?, facts, files })
+        Ok(BuiltStage { output: Ordered::open(mesh, facts, key, context.work)?, facts, files })
     }
 
     fn open(self, facts: OrderFacts, key: &str, context: Context<'_>) -> Result<Ordered> {
