@@ -315,9 +315,9 @@ impl Batch<'_> {
             let known = |what: fn(&Maker, &Output)| {
                 maker.iter().for_each(|maker| job.outputs.iter().for_each(|output| what(maker, output)));
             };
-            known(Maker::forget);
+            known(Maker::remove_record);
             let report = one(job, self.task, &mine, &run, self.app)?;
-            known(Maker::stamp);
+            known(Maker::write_record);
             Ok(report)
         })
         .flatten();

@@ -79,7 +79,7 @@ impl Maker {
     }
 
     /// Removes the record of `output`, before it is rewritten.
-    pub fn forget(&self, output: &Output) {
+    pub fn remove_record(&self, output: &Output) {
         if let Some(path) = output.path().and_then(place) {
             let _ = std::fs::remove_file(path);
         }
@@ -87,7 +87,7 @@ impl Maker {
 
     /// Records that this made `output`. If the folder is not writable, or the mesh has changed meanwhile, the next run
     /// makes the output again.
-    pub fn stamp(&self, output: &Output) {
+    pub fn write_record(&self, output: &Output) {
         let Some(whole) = self.whole() else { return };
         let unchanged = input::identity(&self.mesh).is_ok_and(|identity| identity == self.identity);
         if let (Some(path), Some(mut record)) = (output.path().and_then(place), self.record(output))

@@ -161,7 +161,7 @@ pub fn band_front<'a>(weighted: &'a WeightedGraph, edge: &'a [u32], labels: &'a 
     }
 }
 
-/// Labels every face from the labels of cells. Writes the array `file`, and does not stamp it.
+/// Labels every face from the labels of cells. Writes the array `file`, and does not record a stage.
 /// Fronts that were computed in shares are taken from these.
 ///
 /// # Errors

@@ -319,9 +319,9 @@ impl DistanceRows {
     }
 
     /// Records the stage as finished.
-    pub(super) fn stamp(&self, spec: &JobSpec, seconds: f64, work: &WorkDir) -> Result<()> {
+    pub(super) fn record_stage(&self, spec: &JobSpec, seconds: f64, work: &WorkDir) -> Result<()> {
         let facts = Facts { rows: self.facts.clone() };
-        work.stamp(StageKey::of::<RowsStage<'_>>(spec.options.clone()), &FILES, &facts, seconds)?;
+        work.record_stage(StageKey::of::<RowsStage<'_>>(spec.options.clone()), &FILES, &facts, seconds)?;
         work.remove(JOURNAL);
         Ok(())
     }

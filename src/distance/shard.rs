@@ -114,7 +114,7 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
         DistanceRows::finish(file, &entries, &spec, context.work)
     };
     let (rows, seconds) = context.run.stage("merge", "rows", spec.rows as u64, make)?;
-    rows.stamp(&spec, seconds, context.work)?;
+    rows.record_stage(&spec, seconds, context.work)?;
     // Merged shards are removed even if their journals cannot be read again, and so are those of another division of
     // the same rows.
     let read = journals(context.work)?.into_iter().filter_map(|path| Journal::read(&path));

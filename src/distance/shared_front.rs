@@ -236,7 +236,7 @@ impl SharedFront<'_> {
         let (stem, own) = (self.stem(shard, of), self.own(shard, of));
         let record: ShareRecord = work.read_json(&format!("{stem}.json")).ok()?;
         let array = format!("{stem}.npy");
-        if record.front != self.identity() || work.harm(&array, &record.file).is_some() {
+        if record.front != self.identity() || work.integrity_error(&array, &record.file).is_some() {
             return None;
         }
         let share = work.open_array::<u32>(&array).ok().filter(|share| share.len() == 2 * own.len())?;
@@ -279,7 +279,7 @@ impl SharedFront<'_> {
                 distances.iter_mut().zip(&field.data()[own.clone()]).for_each(|(to, d)| *to = d.to_bits());
             }
             share.finish(false)?;
-            let file = work.sealed(&format!("{stem}.npy"))?;
+            let file = work.file_record(&format!("{stem}.npy"))?;
             work.write_json(&format!("{stem}.json"), &ShareRecord { front: self.identity(), file })
         };
         run.stage(self.stage, "faces", own.len() as u64, make)?;

@@ -122,7 +122,7 @@ fn lossy_text<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<
 }
 
 impl Record {
-    /// The record of a run; the seed is filled in by [`Record::stamp`].
+    /// The record of a run; the seed is filled in by [`Record::write`].
     pub(super) fn of(opened: &Mesh, identity: &Value, params: &SegmentParams, work: &WorkDir) -> Self {
         let path = opened.path();
         // Standard input was copied into the work directory.
@@ -136,13 +136,13 @@ impl Record {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub(super) fn stamp(mut self, context: Context<'_>) -> Result<()> {
+    pub(super) fn write(mut self, context: Context<'_>) -> Result<()> {
         if context.work.is_temporary() {
             return Ok(());
         }
         self.seed = context.run.seed;
         let inputs = json!({"input": self.identity, "params": self.params, "seed": self.seed});
-        context.work.stamp(StageKey::new(RECORD, RECORD_VERSION, inputs), &[], &self, 0.)
+        context.work.record_stage(StageKey::new(RECORD, RECORD_VERSION, inputs), &[], &self, 0.)
     }
 
     /// Whether the mesh came from standard input and lies in the work directory.
@@ -229,7 +229,7 @@ pub fn graph(
         DualGraph::build
     };
     let graph = build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
-    Record::of(opened, identity, params, context.work).stamp(context)?;
+    Record::of(opened, identity, params, context.work).write(context)?;
     Ok((ordered, graph))
 }
 

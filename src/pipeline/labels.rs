@@ -225,7 +225,7 @@ pub(super) fn label(
     };
     let facts = LabelFacts { parts: result.parts(), edits, corrected, decision };
     let stage = stage_key(graph, params, context.run.seed);
-    context.work.stamp(stage, &[LABELS, QUALITY], &facts, 0.)?;
+    context.work.record_stage(stage, &[LABELS, QUALITY], &facts, 0.)?;
     Ok(result)
 }
 
@@ -243,7 +243,7 @@ pub(super) fn keep_as(stage: Option<StageRecord>, result: &SegmentedMesh, work: 
     let Some(stage) = stage else { return Ok(()) };
     let before = serde_json::from_value::<LabelFacts>(stage.facts).unwrap_or_default();
     let key = StageKey { name: STAGE, version: LABELS_VERSION, key: stage.key, inputs: stage.inputs };
-    work.stamp(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), ..before }, 0.)
+    work.record_stage(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), ..before }, 0.)
 }
 
 /// The options used for the labels in `work`; `cluster` may have been run with others than those in the record.

@@ -168,7 +168,7 @@ impl SharedWork<'_> {
             Divided::Depths | Divided::Bands => {
                 let bands = self.divided == Divided::Bands;
                 let (facts, files) = BoundaryFacts::make(bands, opened, self.identity, self.params, context)?;
-                context.work.stamp(self.key(context.run), &files, &facts, 0.)
+                context.work.record_stage(self.key(context.run), &files, &facts, 0.)
             }
         }
     }
@@ -182,7 +182,7 @@ impl SharedWork<'_> {
             Cluster::Parts => contracted::weighted(&graph, params, context)?.1,
         };
         let facts = RowShardFacts { weights: weighted.key.clone(), l, sampling: params.sampling.unwrap_or_default() };
-        context.work.stamp(self.key(context.run), &[], &facts, 0.)?;
+        context.work.record_stage(self.key(context.run), &[], &facts, 0.)?;
         Ok(weighted)
     }
 
@@ -197,7 +197,7 @@ impl SharedWork<'_> {
             l = landmarks(params, n)?;
         }
         let facts = RowShardFacts { weights, l, sampling: params.sampling_of(n) };
-        context.work.stamp(self.key(context.run), &[], &facts, 0.)
+        context.work.record_stage(self.key(context.run), &[], &facts, 0.)
     }
 
     fn prepare_fronts(&self, opened: &Mesh, context: Context<'_>) -> Result<()> {
@@ -228,7 +228,7 @@ impl SharedWork<'_> {
             facts.weights = Some(weighted.key);
         }
         let files: Vec<&str> = files.iter().map(String::as_str).collect();
-        work.stamp(self.key(run), &files, &facts, 0.)
+        work.record_stage(self.key(run), &files, &facts, 0.)
     }
 
     /// Computes a share in `work`; returns its number of rows or faces. `None` if what it needs does not exist.

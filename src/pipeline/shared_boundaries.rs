@@ -171,11 +171,11 @@ mod tests {
     fn bands_stand_on_the_contraction_of_their_weights() {
         let dir = tempfile::tempdir().unwrap();
         let (work, run) = (WorkDir::open(dir.path()).unwrap(), Run::new(&()));
-        let stamped = |work: &WorkDir, name, version, key: &str| {
+        let record = |work: &WorkDir, name, version, key: &str| {
             let stage = StageKey { name, version, key: key.into(), inputs: Value::Null };
-            work.stamp(stage, &[], &(), 0.).unwrap();
+            work.record_stage(stage, &[], &(), 0.).unwrap();
         };
-        stamped(&work, WeightsStage::NAME, WeightsStage::VERSION, "weights");
+        record(&work, WeightsStage::NAME, WeightsStage::VERSION, "weights");
         let keys = ["graph".to_string(), "weights".to_string()];
         let depths = BoundaryFacts { keys, sources: [1, 0], ..BoundaryFacts::default() };
         let bands = BoundaryFacts { sources: [1, 1], keys: depths.keys.clone(), ..BoundaryFacts::default() };
@@ -183,7 +183,7 @@ mod tests {
         assert_eq!(stand(), [true, false]);
         for (weights, same) in [("others", false), ("weights", true)] {
             let inner = work.inner(CONTRACTED).unwrap();
-            stamped(&inner, Contraction::NAME, Contraction::VERSION, &contract::key(weights, run.seed));
+            record(&inner, Contraction::NAME, Contraction::VERSION, &contract::key(weights, run.seed));
             assert_eq!(stand(), [true, same]);
         }
     }

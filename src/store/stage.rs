@@ -157,7 +157,7 @@ impl Context<'_> {
                 (made, start.elapsed().as_secs_f64())
             }
         };
-        self.work.stamp(made_of, &made.files, &made.facts, seconds)?;
+        self.work.record_stage(made_of, &made.files, &made.facts, seconds)?;
         Ok(made.output)
     }
 }
@@ -274,18 +274,20 @@ impl WorkDir {
         // temporary directory.
         let files: Vec<_> = record.files.iter().collect();
         let threads = if self.is_temporary() { 1 } else { files.len() };
-        let check = |k: usize, (): &mut ()| Ok(self.harm(files[k].0, files[k].1));
+        let check = |k: usize, (): &mut ()| Ok(self.integrity_error(files[k].0, files[k].1));
         let checked = map_chunks(threads, &Cancel::default(), files.len(), || (), check);
         let checked = checked.map_err(|error| RebuildReason::Damaged(error.to_string()))?;
-        if let Some((harm, (name, _))) = checked.into_iter().zip(files).find_map(|(harm, file)| Some((harm?, file))) {
-            return Err(RebuildReason::Damaged(format!("{name} {harm}")));
+        if let Some((problem, (name, _))) =
+            checked.into_iter().zip(files).find_map(|(problem, file)| Some((problem?, file)))
+        {
+            return Err(RebuildReason::Damaged(format!("{name} {problem}")));
         }
         Ok(record.facts.clone())
     }
 
     /// What is wrong with a file, if its bytes no longer match its checksum: one sequential read, far cheaper than a
     /// wrong label.
-    pub(crate) fn harm(&self, name: &str, file: &FileRecord) -> Option<String> {
+    pub(crate) fn integrity_error(&self, name: &str, file: &FileRecord) -> Option<String> {
         if self.bytes_in_memory(name) == Some(file.bytes) {
             return None;
         }
@@ -309,17 +311,17 @@ impl WorkDir {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn stamp(&self, stage: StageKey, files: &[&str], facts: &impl Serialize, seconds: f64) -> Result<()> {
+    pub fn record_stage(&self, stage: StageKey, files: &[&str], facts: &impl Serialize, seconds: f64) -> Result<()> {
         let facts = json::value(&format!("what stage {} tells", stage.name), facts)?;
-        self.record(stage, files, facts, seconds)
+        self.record_stage_json(stage, files, facts, seconds)
     }
 
-    /// [`WorkDir::stamp`] with facts already in JSON.
-    fn record(&self, stage: StageKey, files: &[&str], facts: Value, seconds: f64) -> Result<()> {
+    /// [`WorkDir::record_stage`] with facts already in JSON.
+    fn record_stage_json(&self, stage: StageKey, files: &[&str], facts: Value, seconds: f64) -> Result<()> {
         // In parallel, since each waits for the disk; a temporary directory does not wait.
         let threads = if self.is_temporary() { 1 } else { files.len() };
-        let seal = |k: usize, (): &mut ()| Ok((files[k].to_string(), self.sealed(files[k])?));
-        let files = map_of(map_chunks(threads, &Cancel::default(), files.len(), || (), seal)?);
+        let record = |k: usize, (): &mut ()| Ok((files[k].to_string(), self.file_record(files[k])?));
+        let files = map_of(map_chunks(threads, &Cancel::default(), files.len(), || (), record)?);
         let StageKey { name, version, key, inputs } = stage;
         let record = StageRecord { key, version, inputs, files, facts, seconds };
         let mut manifest = self.manifest_lock();
@@ -328,7 +330,7 @@ impl WorkDir {
     }
 
     /// The record of the finished file `name`, synced before it enters the manifest.
-    pub(crate) fn sealed(&self, name: &str) -> Result<FileRecord> {
+    pub(crate) fn file_record(&self, name: &str) -> Result<FileRecord> {
         if let Some(bytes) = self.bytes_in_memory(name) {
             return Ok(FileRecord { bytes, xxh3: String::new() });
         }

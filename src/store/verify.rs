@@ -43,8 +43,8 @@ fn stages(context: Context<'_>) -> Result<Vec<Checked>> {
             context.run.cancel.check()?;
             let path = context.work.file(&name);
             let begun = || !path.exists() && partial_name(&path).exists();
-            let harm = context.work.harm(&name, &file);
-            let problem = harm.map(|harm| if begun() { "is being made anew".to_string() } else { harm });
+            let found = context.work.integrity_error(&name, &file);
+            let problem = found.map(|found| if begun() { "is being made anew".to_string() } else { found });
             context.run.progress.advance("verify", file.bytes);
             all.push(Checked { stage: stage.clone(), file: name, bytes: file.bytes, problem });
         }
@@ -67,7 +67,7 @@ mod tests {
         npy::write(&work.file("b.npy"), &[2f32; 10], 1, true).unwrap();
         let options = json!({});
         let stage = StageKey { name: "s", version: 1, key: key_of("s", 1, &options), inputs: options };
-        work.stamp(stage, &["a.npy", "b.npy"], &(), 0.).unwrap();
+        work.record_stage(stage, &["a.npy", "b.npy"], &(), 0.).unwrap();
         let run = Run::new(&());
         assert!(verify(Context::new(&work, &run)).unwrap().iter().all(|file| file.problem.is_none()));
         let whole = std::fs::read(work.file("a.npy")).unwrap();
@@ -89,7 +89,7 @@ mod tests {
         let work = WorkDir::open(&dir.path().join("w")).unwrap();
         let inner = work.inner("contracted").unwrap();
         npy::write(&inner.file("a.npy"), &[1u32; 100], 1, true).unwrap();
-        inner.stamp(StageKey::new("s", 1, json!({})), &["a.npy"], &(), 0.).unwrap();
+        inner.record_stage(StageKey::new("s", 1, json!({})), &["a.npy"], &(), 0.).unwrap();
         let path = inner.file("a.npy");
         drop(inner);
         let run = Run::new(&());

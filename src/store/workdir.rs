@@ -466,7 +466,7 @@ mod tests {
             let work = WorkDir::open(&path).unwrap();
             assert!(WorkDir::open(&path).is_err(), "locked");
             npy::write(&work.file("x.npy"), &[1u32, 2], 1, true).unwrap();
-            work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
+            work.record_stage(stage(1), &["x.npy"], &7, 0.5).unwrap();
         }
         // A reader creates nothing: a copy of a directory need not have a lock, or may be read-only.
         std::fs::remove_file(path.join(LOCK)).unwrap();
@@ -489,10 +489,10 @@ mod tests {
             // A stage that has to be rebuilt is removed from the manifest at once.
             std::fs::write(work.file("x.npy"), &whole).unwrap();
             assert_eq!(work.reuse::<i32>("s", 1, &key), Err(RebuildReason::NotMade));
-            work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
+            work.record_stage(stage(1), &["x.npy"], &7, 0.5).unwrap();
         }
         assert_eq!(work.reuse::<i32>("s", 1, "other"), Err(RebuildReason::OtherInputs));
-        work.stamp(stage(1), &["x.npy"], &7, 0.5).unwrap();
+        work.record_stage(stage(1), &["x.npy"], &7, 0.5).unwrap();
         let other = work.reuse::<i32>("s", 2, &key).unwrap_err();
         assert_eq!(other.to_string(), "another version of the program made it (algorithm 1, now 2)");
     }
@@ -518,7 +518,7 @@ mod tests {
         drop(WorkDir::open(&path).unwrap());
         let work = WorkDir::open(&path).unwrap();
         npy::write(&work.file("x.npy"), &[1u32], 1, true).unwrap();
-        work.stamp(StageKey::new("s", 1, json!({})), &["x.npy"], &7, 0.5).unwrap();
+        work.record_stage(StageKey::new("s", 1, json!({})), &["x.npy"], &7, 0.5).unwrap();
         drop(work);
         let names = ["cells.tmp", "x.npy.partial", "distances.npy.partial", "rows-1-of-2.npy.partial", "x.npy"];
         let there = || names.map(|name| path.join(name).exists());
@@ -553,7 +553,7 @@ mod tests {
         let work = WorkDir::open(dir.path()).unwrap();
         assert!(matches!(work.reuse::<i32>("s", 1, "k"), Err(RebuildReason::OtherVersion { .. })));
         // Regression: the manifest named the program that created the directory, not the one that last wrote to it.
-        work.stamp(StageKey::new("s", 2, json!({})), &[], &7, 0.5).unwrap();
+        work.record_stage(StageKey::new("s", 2, json!({})), &[], &7, 0.5).unwrap();
         let manifest: Value = serde_json::from_slice(&std::fs::read(dir.path().join(MANIFEST)).unwrap()).unwrap();
         assert_eq!((&manifest["format"], &manifest["program"]), (&json!(2), &json!(crate::store::manifest::PROGRAM)));
     }

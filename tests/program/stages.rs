@@ -64,7 +64,7 @@ fn stages_one_by_one_give_what_segment_gives() {
     stage(&["export", "-o", word(&ours), "-o", word(out)], work);
     assert!(std::fs::read(&ply).unwrap() == std::fs::read(&ours).unwrap());
     assert_eq!(read_seg(out).unwrap(), expected);
-    // Everything is stamped: a flipped bit would be found.
+    // Everything has a checksum: a flipped bit would be found.
     assert!(run(&["verify", word(work)]).status.success());
 }
 

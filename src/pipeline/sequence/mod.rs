@@ -109,7 +109,7 @@ impl<'a> Sequencer<'a> {
         let graph = DualGraph::build(&self.ordered.mesh, self.opened.path(), &self.ordered.identity, self.context)?;
         let other = |record: Record| record.identity != *self.identity;
         if Record::read(work).map_or(true, other) {
-            Record::of(self.opened, self.identity, &SegmentParams::default(), work).stamp(self.context)?;
+            Record::of(self.opened, self.identity, &SegmentParams::default(), work).write(self.context)?;
         }
         // Rows that include turning, as `segment` computes them, give jagged fronts; they are not used.
         let geodesic = json!(Metric::Geodesic);
