@@ -37,8 +37,8 @@ length!(f32, u32);
 length!(f64, u64);
 
 /// Lowers each entry of `field` (n) to the distance of the node from the nearest of `sources`, where that is smaller
-/// and below `limit`. `steps` lists the neighbours of a node with the lengths of the edges to them; `on_settled` is called
-/// with each node whose distance was lowered, nearest first.
+/// and below `limit`. `steps` lists the neighbours of a node with the lengths of the edges to them; `on_settled` is
+/// called with each node whose distance was lowered, nearest first.
 pub fn shortest_paths<L: Length, S: Iterator<Item = (u32, L)>>(
     sources: &[u32],
     steps: impl Fn(u32) -> S,

@@ -3,8 +3,8 @@
 //!
 //! Arrays cost 40 bytes per triangle: 28 of nodes, 12 of shared edges. If a mesh is larger than memory, they cost more
 //! to read than the mesh's own 18 bytes, from which both follow in 10 to 20 ns per access. So such a mesh is not
-//! copied: [`ComputedGeometry`] computes the same numbers to the bit, with the same functions. A few edges cannot be computed
-//! from two faces alone (welded ones, edges shared twice, some of non-manifold meshes); these are listed.
+//! copied: [`ComputedGeometry`] computes the same numbers to the bit, with the same functions. A few edges cannot be
+//! computed from two faces alone (welded ones, edges shared twice, some of non-manifold meshes); these are listed.
 
 use super::nodes::{self, Frame, Node};
 use crate::base::Result;

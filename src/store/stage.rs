@@ -64,8 +64,8 @@ pub trait Stage: Sized {
         None
     }
 
-    /// Memory and disk that the stage needs for a mesh of size `extent`, reserved in `estimate` in the order of its code;
-    /// see [`super::needs`].
+    /// Memory and disk that the stage needs for a mesh of size `extent`, reserved in `estimate` in the order of its
+    /// code; see [`super::needs`].
     fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs;
 }
 
@@ -234,8 +234,8 @@ impl WorkDir {
         self.finished_stage_named(S::NAME, S::VERSION, remedy)
     }
 
-    /// [`WorkDir::finished_stage`] for a stage given by name. The manifest stays unchanged: a file that cannot be read now may be
-    /// there later, and a reader cannot rebuild it.
+    /// [`WorkDir::finished_stage`] for a stage given by name. The manifest stays unchanged: a file that cannot be read
+    /// now may be there later, and a reader cannot rebuild it.
     ///
     /// # Errors
     /// As [`WorkDir::finished_stage`].

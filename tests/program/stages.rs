@@ -474,7 +474,8 @@ fn an_isosurface_full_of_pockets_is_not_one_part() {
     assert!(area.len() < 6 && area[0] < 0.7 * total && area[1] > 0.3 * total, "{area:?}");
 }
 
-/// Regression: K-means took rows over all faces that another command had left, although `segment` would have contracted the mesh.
+/// Regression: K-means took rows over all faces that another command had left, although `segment` would have contracted
+/// the mesh.
 #[test]
 fn rows_that_another_command_left_do_not_decide_k_means() {
     let Scene { mesh, work, out, .. } = &scene(62_000, false);

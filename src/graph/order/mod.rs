@@ -330,7 +330,6 @@ const NEAR: u64 = 1 << 16;
 /// patch of as many faces: 1–2 along Hilbert's curve, √([`RUN`]) and more in rows of a grid. A front that crosses such
 /// rows also touches one page per face, however close its neighbours are. A pure function of the mesh, never of budget
 /// or threads.
-/// never of budget or threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Locality {
     /// Share of far steps, 0 to 1: near 0 in scan order, near 1 in random order.
