@@ -16,8 +16,8 @@ use super::matrix::Square;
 use super::merges::{MergeModel, meeting_probability, merges};
 use super::region_pieces::RegionPieces;
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments};
+use super::shortcuts::with_shortcuts;
 use super::thickness::log_thickness;
-use super::thin::through_thin_places;
 use crate::base::Result;
 use crate::base::random::{Random, below, mixed, stream};
 use crate::spectral::anchor::{AnchorEmbedding, LandmarkDistances, anchor_embedding};
@@ -105,7 +105,7 @@ pub fn measured_ensemble(
     run: &Run,
 ) -> Result<(Vec<OverSegmentation>, MeasuredSuperfaces)> {
     let embedding = comparison_embedding(cells, &rows);
-    let rows = through_thin_places(cells, rows, run)?;
+    let rows = with_shortcuts(cells, rows, run)?;
     let ensemble = draw_ensemble(cells, &rows, count, "parts member", run)?;
     let measured = MeasuredSuperfaces::of(cells, &embedding, &ensemble, run)?;
     Ok((ensemble, measured))

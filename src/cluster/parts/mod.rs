@@ -42,10 +42,10 @@ pub mod merge_odds;
 pub mod merges;
 pub mod region_pieces;
 pub mod regions;
+pub mod shortcuts;
 mod split;
 pub mod symmetry;
 pub mod thickness;
-pub mod thin;
 
 pub use answer::{PartDecision, PartsReport, PartsResult, cut, describe};
 pub use cell_graph::CellGraph;

@@ -144,7 +144,7 @@ impl SimdKernel for CastRays<'_> {
 fn thickness_behind(scene: RayScene<'_>, i: usize) -> Option<f64> {
     let rays = scene.rays;
     let mut seen = Depths { rays, depths: [f64::INFINITY; RAYS] };
-    discs_behind(scene, i, REACH, &mut seen);
+    visit_discs_behind(scene, i, REACH, &mut seen);
     let depths = seen.depths;
     let (mut lengths, mut count) = ([0.0; RAYS], 0);
     for k in (0..RAYS).filter(|&k| depths[k].is_finite()) {
@@ -158,12 +158,12 @@ fn thickness_behind(scene: RayScene<'_>, i: usize) -> Option<f64> {
 ///
 /// # Errors
 /// Cancellation.
-pub(super) fn cells_behind(cells: &CellGraph, from: &[u32], run: &Run) -> Result<Vec<Vec<u32>>> {
+pub(super) fn first_hits(cells: &CellGraph, from: &[u32], run: &Run) -> Result<Vec<Vec<u32>>> {
     let discs = Discs::of(cells);
     let scene = discs.scene(cells);
     let hit = |&i: &u32| {
         let mut hits = FirstHits::from(scene, i as usize);
-        discs_behind(scene, i as usize, REACH, &mut hits);
+        visit_discs_behind(scene, i as usize, REACH, &mut hits);
         hits.cell.into_iter().flatten().collect::<Vec<u32>>()
     };
     let chunks = run.map_ranges(from.len(), CHUNK, |range| Ok(from[range].iter().map(hit).collect::<Vec<_>>()))?;
@@ -175,20 +175,20 @@ pub(super) fn cells_behind(cells: &CellGraph, from: &[u32], run: &Run) -> Result
 ///
 /// # Errors
 /// Cancellation.
-pub(super) fn straight_behind(cells: &CellGraph, run: &Run) -> Result<Vec<Option<(u32, f64)>>> {
+pub(super) fn opposite_cells(cells: &CellGraph, run: &Run) -> Result<Vec<Option<(u32, f64)>>> {
     let discs = Discs::of(cells);
     let scene = discs.scene(cells);
-    let chunks = run.map_ranges(cells.len(), CHUNK, |range| Ok(dispatch(LookStraight { range, scene })))?;
+    let chunks = run.map_ranges(cells.len(), CHUNK, |range| Ok(dispatch(OppositeCells { range, scene })))?;
     Ok(chunks.concat())
 }
 
-/// [`straight_behind`] for a range of cells, on wide vectors.
-struct LookStraight<'a> {
+/// [`opposite_cells`] for a range of cells, on wide vectors.
+struct OppositeCells<'a> {
     range: Range<usize>,
     scene: RayScene<'a>,
 }
 
-impl SimdKernel for LookStraight<'_> {
+impl SimdKernel for OppositeCells<'_> {
     type Output = Vec<Option<(u32, f64)>>;
 
     #[inline(always)]
@@ -196,7 +196,7 @@ impl SimdKernel for LookStraight<'_> {
         let mut out = Vec::with_capacity(self.range.len());
         for i in self.range {
             let mut nearest = Nearest { scene: self.scene, from: i, length: f64::INFINITY, found: None };
-            discs_behind(self.scene, i, 0.0, &mut nearest);
+            visit_discs_behind(self.scene, i, 0.0, &mut nearest);
             out.push(nearest.found);
         }
         out
@@ -215,9 +215,9 @@ struct Nearest<'a> {
     found: Option<(u32, f64)>,
 }
 
-impl SeeDisc for Nearest<'_> {
+impl VisitDisc for Nearest<'_> {
     #[inline(always)]
-    fn see(&mut self, disc: DiscBehind) {
+    fn visit(&mut self, disc: DiscBehind) {
         let cells = self.scene.cells;
         let (from, inward) = (cells.centre[self.from], cells.normal[self.from].map(|c| -c));
         if let Some(length) = self.scene.meets(disc.cell, from, inward, OPPOSITE).filter(|x| *x < self.length) {
@@ -228,8 +228,8 @@ impl SeeDisc for Nearest<'_> {
 }
 
 /// Receives the discs behind a cell. A trait, since closures are not inlined into code compiled for wide vectors.
-trait SeeDisc {
-    fn see(&mut self, disc: DiscBehind);
+trait VisitDisc {
+    fn visit(&mut self, disc: DiscBehind);
 }
 
 /// The depth of the nearest disc on each ray.
@@ -238,9 +238,9 @@ struct Depths<'a> {
     depths: [f64; RAYS],
 }
 
-impl SeeDisc for Depths<'_> {
+impl VisitDisc for Depths<'_> {
     #[inline(always)]
-    fn see(&mut self, DiscBehind { depth, centre: [p, q], radius, .. }: DiscBehind) {
+    fn visit(&mut self, DiscBehind { depth, centre: [p, q], radius, .. }: DiscBehind) {
         let (rays, depths) = (self.rays, &mut self.depths);
         for k in 0..RAYS {
             let (p, q) = (p - rays[0][k], q - rays[1][k]);
@@ -274,8 +274,8 @@ impl<'a> FirstHits<'a> {
     }
 }
 
-impl SeeDisc for FirstHits<'_> {
-    fn see(&mut self, disc: DiscBehind) {
+impl VisitDisc for FirstHits<'_> {
+    fn visit(&mut self, disc: DiscBehind) {
         for k in 0..RAYS {
             let met = self.scene.meets(disc.cell, self.from, self.ways[k], GRAZING);
             if let Some(length) = met.filter(|x| *x < self.length[k]) {
@@ -298,7 +298,7 @@ struct DiscBehind {
 
 /// Visits the discs behind cell `i` that face away, within the cone of width `reach` at depth 1.
 #[inline(always)]
-fn discs_behind(scene: RayScene<'_>, i: usize, reach: f64, to: &mut impl SeeDisc) {
+fn visit_discs_behind(scene: RayScene<'_>, i: usize, reach: f64, to: &mut impl VisitDisc) {
     let RayScene { cells, radius, blocks, balls, .. } = scene;
     let (x, n) = (cells.centre[i], cells.normal[i]);
     let [u, v] = tangents(n);
@@ -318,7 +318,7 @@ fn discs_behind(scene: RayScene<'_>, i: usize, reach: f64, to: &mut impl SeeDisc
                     continue;
                 }
                 let centre = [dot(d, u) / depth, dot(d, v) / depth];
-                to.see(DiscBehind { cell: j as u32, depth, centre, radius: radius[j] / depth });
+                to.visit(DiscBehind { cell: j as u32, depth, centre, radius: radius[j] / depth });
             }
         }
     }
@@ -520,9 +520,9 @@ mod tests {
     }
 
     #[test]
-    fn straight_behind_a_cell_of_a_tube_is_the_opposite_one() {
+    fn the_opposite_cell_in_a_tube_lies_straight_behind() {
         let g = tube(24, 60, |_| 0.1);
-        for (i, behind) in (0..).zip(straight_behind(&g, &Run::new(&())).unwrap()) {
+        for (i, behind) in (0..).zip(opposite_cells(&g, &Run::new(&())).unwrap()) {
             let (cell, depth) = behind.unwrap();
             assert_eq!((cell, (depth * 1e6).round()), (i / 24 * 24 + (i + 12) % 24, 2e5));
         }

@@ -19,7 +19,7 @@ use crate::base::Result;
 use crate::base::vector::distance;
 use crate::cluster::max_flow::MaxFlow;
 use crate::cluster::parts::cell_graph::{CellGraph, class_sums, connected_pieces};
-use crate::cluster::parts::thickness::cells_behind;
+use crate::cluster::parts::thickness::first_hits;
 use crate::store::run::Run;
 use serde::{Deserialize, Serialize};
 
@@ -135,12 +135,12 @@ impl Inside {
         }
         let is_seen: Vec<bool> = exposure.iter().map(|x| *x >= HIDDEN).collect();
         let hidden: Vec<u32> = (0..cells.len() as u32).filter(|&i| !is_seen[i as usize]).collect();
-        let hits = cells_behind(cells, &hidden, run)?;
+        let hits = first_hits(cells, &hidden, run)?;
         let mut behind = vec![None; cells.len()];
         for (&cell, hits) in hidden.iter().zip(&hits) {
             behind[cell as usize] = hits.iter().copied().find(|&j| is_seen[j as usize]);
         }
-        let walls = led_outside(&hidden, &hits, &is_seen);
+        let walls = walks_reaching_visible(&hidden, &hits, &is_seen);
         let mut is_wall = vec![false; cells.len()];
         for (&cell, wall) in hidden.iter().zip(cut(cells, &hidden, &walls, run)?) {
             is_wall[cell as usize] = wall;
@@ -161,7 +161,7 @@ impl Inside {
 
 /// For each of the `hidden` cells, the share of walks that reach a cell that `is_seen`; a step goes to any of `hits`. ½
 /// if there are none.
-fn led_outside(hidden: &[u32], hits: &[Vec<u32>], is_seen: &[bool]) -> Vec<f64> {
+fn walks_reaching_visible(hidden: &[u32], hits: &[Vec<u32>], is_seen: &[bool]) -> Vec<f64> {
     let mut share: Vec<f64> = is_seen.iter().map(|&seen| f64::from(u8::from(seen))).collect();
     let mean = |share: &[f64], hits: &Vec<u32>| {
         let step = |&j: &u32| if is_seen[j as usize] { 1. } else { GOES_ON * share[j as usize] };

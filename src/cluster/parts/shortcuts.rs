@@ -13,7 +13,7 @@
 //! Cost: a ray per cell, a millisecond or two, and two operations per landmark and shortcut.
 
 use super::cell_graph::CellGraph;
-use super::thickness::straight_behind;
+use super::thickness::opposite_cells;
 use crate::base::Result;
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
@@ -26,15 +26,15 @@ const THIN: f64 = 0.12;
 ///
 /// # Errors
 /// Cancellation.
-pub fn through_thin_places(cells: &CellGraph, mut rows: LandmarkDistances, run: &Run) -> Result<LandmarkDistances> {
-    let behind = straight_behind(cells, run)?;
-    let thin = |(i, behind): (usize, &Option<(u32, f64)>)| {
-        behind.filter(|(_, depth)| *depth < THIN).map(|(j, depth)| (i, j as usize, depth))
+pub fn with_shortcuts(cells: &CellGraph, mut rows: LandmarkDistances, run: &Run) -> Result<LandmarkDistances> {
+    let opposite = opposite_cells(cells, run)?;
+    let thin = |(i, opposite): (usize, &Option<(u32, f64)>)| {
+        opposite.filter(|(_, depth)| *depth < THIN).map(|(j, depth)| (i, j as usize, depth))
     };
-    let ways: Vec<(usize, usize, f64)> = behind.iter().enumerate().filter_map(thin).collect();
+    let shortcuts: Vec<(usize, usize, f64)> = opposite.iter().enumerate().filter_map(thin).collect();
     for row in rows.values.chunks_mut(cells.len().max(1)) {
         let along = row.to_vec();
-        for &(i, j, depth) in &ways {
+        for &(i, j, depth) in &shortcuts {
             row[i] = row[i].min(along[j] + depth);
             row[j] = row[j].min(along[i] + depth);
         }
@@ -63,7 +63,7 @@ mod tests {
     #[test]
     fn the_back_of_a_thin_plate_is_as_near_as_it_is_thick() {
         let (g, rows) = plate(0.05, 0.8);
-        let short = through_thin_places(&g, rows.clone(), &Run::new(&())).unwrap();
+        let short = with_shortcuts(&g, rows.clone(), &Run::new(&())).unwrap();
         assert_eq!(short.values[..10], rows.values[..10]);
         let through: Vec<f64> = rows.values[..10].iter().map(|d| d + 0.05).collect();
         assert_eq!(short.values[10..], through);
@@ -73,7 +73,7 @@ mod tests {
     fn thick_bodies_and_short_ways_around_stay_as_they_are() {
         for (thick, around) in [(THIN, 0.8), (0.05, 0.04)] {
             let (g, rows) = plate(thick, around);
-            assert_eq!(through_thin_places(&g, rows.clone(), &Run::new(&())).unwrap().values, rows.values);
+            assert_eq!(with_shortcuts(&g, rows.clone(), &Run::new(&())).unwrap().values, rows.values);
         }
     }
 
@@ -82,8 +82,8 @@ mod tests {
         let (mut g, rows) = plate(0.05, 0.8);
         // The back is tilted, as near the edge of a knife: at 70 degrees it does not count as opposite.
         g.normal[10..].fill([0.94, 0., -0.342]);
-        assert_eq!(through_thin_places(&g, rows.clone(), &Run::new(&())).unwrap().values, rows.values);
+        assert_eq!(with_shortcuts(&g, rows.clone(), &Run::new(&())).unwrap().values, rows.values);
         g.normal[10..].fill([0., 0., 1.]);
-        assert_eq!(through_thin_places(&g, rows.clone(), &Run::new(&())).unwrap().values, rows.values);
+        assert_eq!(with_shortcuts(&g, rows.clone(), &Run::new(&())).unwrap().values, rows.values);
     }
 }
