@@ -2,7 +2,7 @@
 
 use crate::common;
 use base64::Engine;
-use nystrom_stream::apps::page::thin::Thin;
+use nystrom_stream::apps::page::decimate::Decimated;
 use nystrom_stream::apps::page::{Cuts, Page, TRIANGLES};
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::store::Run;
@@ -69,21 +69,21 @@ fn a_large_mesh_is_thinned_and_keeps_its_shape() {
     let dir = tempfile::tempdir().unwrap();
     let path = common::creature(dir.path(), 400_000, false);
     let mesh = mesh::open(&path, dir.path(), &run()).unwrap();
-    let thin = Thin::of(&mesh, TRIANGLES, &run()).unwrap();
-    let count = thin.triangles.len();
+    let decimated = Decimated::of(&mesh, TRIANGLES, &run()).unwrap();
+    let count = decimated.triangles.len();
     assert!((TRIANGLES / 3..TRIANGLES * 3 / 2).contains(&count), "{count}");
-    assert!(thin.triangles.iter().flatten().all(|&v| (v as usize) < thin.positions.len()));
+    assert!(decimated.triangles.iter().flatten().all(|&v| (v as usize) < decimated.positions.len()));
     // Every triangle lies near the face that it stands for.
     let side = 4.;
-    for (triangle, &face) in thin.triangles.iter().zip(&thin.faces) {
+    for (triangle, &face) in decimated.triangles.iter().zip(&decimated.faces) {
         mesh.faces.with(face as usize, |corners| {
-            let (a, b) = (thin.positions[triangle[0] as usize], mesh.positions.get(corners[0]));
+            let (a, b) = (decimated.positions[triangle[0] as usize], mesh.positions.get(corners[0]));
             let apart = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
             assert!(apart < 0.05 * side, "{apart}");
         });
     }
-    let again = Thin::of(&mesh, TRIANGLES, &run()).unwrap();
-    assert!(again.positions == thin.positions && again.triangles == thin.triangles);
+    let again = Decimated::of(&mesh, TRIANGLES, &run()).unwrap();
+    assert!(again.positions == decimated.positions && again.triangles == decimated.triangles);
 }
 
 #[test]

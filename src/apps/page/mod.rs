@@ -1,11 +1,11 @@
 //! A web page for viewing a segmented mesh and correcting its parts: one HTML file that needs no network.
 //!
-//! The mesh is decimated to [`TRIANGLES`] ([`thin`]), quantised to 16 bits per coordinate, and embedded with its
+//! The mesh is decimated to [`TRIANGLES`] ([`decimate`]), quantised to 16 bits per coordinate, and embedded with its
 //! labels, the cuts of the merge tree into other numbers of parts, and the run's report; `viewer.js` draws it with
 //! WebGL, `editor.js` applies edits on cells as `pipeline::edits` does, and `refine.js` moves boundaries onto creases.
 //! Cost: three passes over the mesh and 30 MB; the file has 3–4 MB.
 
-pub mod thin;
+pub mod decimate;
 
 use super::edits::Edits;
 use super::picture;
@@ -18,10 +18,10 @@ use crate::mesh::output::publish;
 use crate::store::Run;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use decimate::Decimated;
 use serde_json::json;
 use std::io::Write;
 use std::path::Path;
-use thin::Thin;
 
 /// Approximate maximum number of triangles of the page's mesh.
 pub const TRIANGLES: usize = 120_000;
@@ -159,23 +159,23 @@ impl Page<'_> {
         // The mesh as used by the program, so that places and box mean the same on the page.
         let shown = &Page { mesh: &self.mesh.without_strays(run)?, ..*self };
         let axes = picture::best_view(shown.mesh, Some(self.labels), self.colours.len(), run)?;
-        let bytes = thin::BYTES * TRIANGLES as u64;
+        let bytes = decimate::BYTES * TRIANGLES as u64;
         let _grant = run.budget.take("the page's mesh", bytes / 4, bytes)?;
-        let thin = Thin::of(shown.mesh, TRIANGLES, run)?;
+        let decimated = Decimated::of(shown.mesh, TRIANGLES, run)?;
         // No text in the data can close the script element or start a comment there.
-        let data = shown.data(&thin, axes).to_string().replace('<', "\\u003c");
+        let data = shown.data(&decimated, axes).to_string().replace('<', "\\u003c");
         let title = self.title.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let places = [("/*STYLE*/", STYLE), ("{{TITLE}}", &title), ("/*SCRIPT*/", SCRIPT), ("\"DATA\"", &data)];
         Ok(filled(TEMPLATE, &places))
     }
 
     /// The data for the script.
-    fn data(&self, thin: &Thin, axes: [[f64; 3]; 3]) -> serde_json::Value {
-        let [low, high] = thin.bounds;
+    fn data(&self, decimated: &Decimated, axes: [[f64; 3]; 3]) -> serde_json::Value {
+        let [low, high] = decimated.bounds;
         let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max).max(f64::MIN_POSITIVE);
         let quantised = |p: [f64; 3]| [0, 1, 2].map(|k| ((p[k] - low[k]) / side * 65535.).round() as u16);
-        let positions: Vec<[u16; 3]> = thin.positions.iter().map(|&p| quantised(p)).collect();
-        let of_faces = |values: &[u32]| short(thin.faces.iter().map(|&face| values[face as usize]));
+        let positions: Vec<[u16; 3]> = decimated.positions.iter().map(|&p| quantised(p)).collect();
+        let of_faces = |values: &[u32]| short(decimated.faces.iter().map(|&face| values[face as usize]));
         let cuts = self.cuts.map(|cuts| {
             json!({
                 "cells": of_faces(cuts.cells),
@@ -191,12 +191,12 @@ impl Page<'_> {
             "faces": self.mesh.faces.len(),
             "extent": extent,
             "positions": packed(&positions),
-            "triangles": packed(&thin.triangles),
+            "triangles": packed(&decimated.triangles),
             "labels": of_faces(self.labels),
             "colours": self.colours.get(..MOST_PARTS).unwrap_or(self.colours),
             "names": self.names,
             "edits": self.edits,
-            "whole": thin.faces.iter().copied().eq(0..self.mesh.faces.len() as u32),
+            "whole": decimated.faces.iter().copied().eq(0..self.mesh.faces.len() as u32),
             "low": low,
             "side": side,
             "cuts": cuts,

@@ -94,7 +94,7 @@ pub fn draw_ensemble(
 }
 
 /// The ensemble of `count` members used for deciding on parts, and its superfaces: drawn with shortcuts through thin
-/// places ([`super::thin`]), but compared by the geometry on the surface.
+/// places ([`super::shortcuts`]), but compared by the geometry on the surface.
 ///
 /// # Errors
 /// Cancellation.

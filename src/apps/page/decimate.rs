@@ -18,7 +18,7 @@ pub const BYTES: u64 = 160;
 
 /// A decimated mesh.
 #[derive(Clone, Debug, Default)]
-pub struct Thin {
+pub struct Decimated {
     /// Positions in the file's units.
     pub positions: Vec<[f64; 3]>,
     /// Corners.
@@ -29,7 +29,7 @@ pub struct Thin {
     pub bounds: [[f64; 3]; 2],
 }
 
-impl Thin {
+impl Decimated {
     /// Decimates `mesh` to about `target` triangles.
     ///
     /// # Errors
@@ -50,7 +50,7 @@ impl Thin {
         };
         let mut merged = Merged { low, size, ..Merged::default() };
         let mut seen: HashSet<[u32; 3]> = HashSet::new();
-        let mut thin = Self { bounds, ..Self::default() };
+        let mut decimated = Self { bounds, ..Self::default() };
         for_faces(mesh, run, |face, corners, positions| {
             let at: Vec<u32> = corners.iter().zip(positions).map(|(&v, &p)| merged.vertex(v, p)).collect();
             polygon::triangles(positions, |triangle| {
@@ -59,13 +59,13 @@ impl Thin {
                 sorted.sort_unstable();
                 let flat = sorted[0] == sorted[1] || sorted[1] == sorted[2];
                 if !flat && (size == 0. || seen.insert(sorted)) {
-                    thin.triangles.push(triangle);
-                    thin.faces.push(face as u32);
+                    decimated.triangles.push(triangle);
+                    decimated.faces.push(face as u32);
                 }
             });
         })?;
-        thin.positions = merged.sums.iter().map(|sum| [0, 1, 2].map(|k| sum[k] / sum[3])).collect();
-        Ok(thin)
+        decimated.positions = merged.sums.iter().map(|sum| [0, 1, 2].map(|k| sum[k] / sum[3])).collect();
+        Ok(decimated)
     }
 }
 
@@ -137,7 +137,7 @@ mod tests {
             corners.flat_map(|v| [vec![v, v + 1, v + WIDTH], vec![v + 1, v + WIDTH + 1, v + WIDTH]]).collect();
         let triangles = |faces: &[Vec<u32>]| {
             let mesh = Mesh::from_slices(&points, faces).unwrap();
-            Thin::of(&mesh, 1_000, &Run::new(&())).unwrap().triangles
+            Decimated::of(&mesh, 1_000, &Run::new(&())).unwrap().triangles
         };
         let expected = triangles(&faces);
         assert!(expected.len() < 2_000);
@@ -151,8 +151,11 @@ mod tests {
         let mut faces: Vec<Vec<u32>> = (0..2_999).map(|v| vec![v, v + 1]).collect();
         faces.push(vec![0, 1, 2]);
         let mesh = Mesh::from_slices(&points, &faces).unwrap();
-        let thin = Thin::of(&mesh, 1_000, &Run::new(&())).unwrap();
-        assert_eq!((thin.positions.len(), thin.triangles, thin.faces), (3, vec![[0, 1, 2]], vec![2_999]));
+        let decimated = Decimated::of(&mesh, 1_000, &Run::new(&())).unwrap();
+        assert_eq!(
+            (decimated.positions.len(), decimated.triangles, decimated.faces),
+            (3, vec![[0, 1, 2]], vec![2_999])
+        );
     }
 
     #[test]
@@ -160,8 +163,8 @@ mod tests {
         for step in [1., 0.] {
             let points: Vec<[f64; 3]> = (0..20_000).map(|v| [step * f64::from(v), 0., 0.]).collect();
             let faces: Vec<[u32; 3]> = (0..19_998).map(|v| [v, v + 1, v + 2]).collect();
-            let thin = Thin::of(&Mesh::from_slices(&points, &faces).unwrap(), 1_000, &Run::new(&())).unwrap();
-            let size = (thin.triangles.len(), thin.positions.len());
+            let decimated = Decimated::of(&Mesh::from_slices(&points, &faces).unwrap(), 1_000, &Run::new(&())).unwrap();
+            let size = (decimated.triangles.len(), decimated.positions.len());
             assert!(size.0 <= 2_000 && size.1 <= 2_000, "{step}: {size:?}");
         }
     }
