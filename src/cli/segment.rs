@@ -184,18 +184,19 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let (opened, identity) = read(path, args.force, Context::new(&work, run))?;
     let of_mesh = |name: &String| opened.face_values(name, Context::new(&work, run));
     let painted = args.edits.hints.as_ref().map(of_mesh).transpose()?;
-    let mut carried = like.map(|like| like::carry(like.reference(), &opened, Context::new(&work, run))).transpose()?;
-    let painted = carried.as_ref().map(|carried| &carried.values).or(painted.as_ref());
+    let mut transferred =
+        like.map(|like| like::transfer_labels(like.reference(), &opened, Context::new(&work, run))).transpose()?;
+    let painted = transferred.as_ref().map(|transferred| &transferred.values).or(painted.as_ref());
     let placed = edits.map(|edits| edits.on(&opened, run)).transpose()?;
     let corrections = corrections(placed.as_ref(), painted);
     let mut result = segment_corrected(&opened, &identity, params, corrections, Context::new(&work, run))?;
-    if let (Some(like), Some(carried)) = (like, &mut carried) {
-        result = like::apply_reference_numbering(result, carried, like.reference(), Context::new(&work, run))?;
+    if let (Some(like), Some(transferred)) = (like, &mut transferred) {
+        result = like::apply_reference_numbering(result, transferred, like.reference(), Context::new(&work, run))?;
     }
     if give_names(&mut result.names, args.edits.names.as_deref(), result.colours.len())? {
         labels::keep(&result, Context::new(&work, run))?;
     }
-    let likeness = carried.as_ref().map(|carried| &carried.facts);
+    let likeness = transferred.as_ref().map(|transferred| &transferred.facts);
     if let Some(facts) = likeness.filter(|facts| facts.look) {
         run.progress.note(&format!("look at {}: {}", path.display(), doubts(facts)));
     }

@@ -59,7 +59,7 @@ pub enum Way {
 
 /// Labels transferred to a mesh.
 #[derive(Clone, Debug)]
-pub struct Carried {
+pub struct Transferred {
     /// The part of each face plus one (n); 0 if unknown.
     pub values: MappedSlice<u32>,
     /// The quality of the transfer.
@@ -90,7 +90,7 @@ const VALUES: &str = "carried.tmp";
 /// # Errors
 /// [`Error::Parameter`] for labels that do not match the reference; [`Error::Memory`] if its greatest label is so high
 /// that there is no room for as many parts; those of [`transfer`] and [`correspond`].
-pub fn carry(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Result<Carried> {
+pub fn transfer_labels(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Result<Transferred> {
     let parts = BYTES_PER_PART * reference.parts() as u64;
     context.run.budget.take("parts with all numbers up to the reference's greatest label", parts, parts)?;
     let work = WorkDir::temporary(context.work.path())?;
@@ -101,7 +101,7 @@ pub fn carry(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Res
             if uncertain <= SAME_PLACE {
                 let mut values = context.work.array::<u32>(VALUES, &[found.labels.len()])?;
                 context.run.fill_each(values.data(), CHUNK, |face, _| found.labels[face].wrapping_add(1))?;
-                return carried(values, Way::Place, 1. - uncertain, false, context.work);
+                return transferred(values, Way::Place, 1. - uncertain, false, context.work);
             }
         }
         // The meshes are not in the same position.
@@ -111,14 +111,20 @@ pub fn carry(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>) -> Res
     by_shape(reference, mesh, within, context.work)
 }
 
-fn carried(values: ArrayMut<u32>, way: Way, confidence: f64, ambiguous: bool, work: &WorkDir) -> Result<Carried> {
+fn transferred(
+    values: ArrayMut<u32>,
+    way: Way,
+    confidence: f64,
+    ambiguous: bool,
+    work: &WorkDir,
+) -> Result<Transferred> {
     let values = values.finish(false)?;
     work.remove(VALUES);
-    Ok(Carried { values, facts: LikeFacts { way, confidence, ambiguous, missing: Vec::new(), look: false } })
+    Ok(Transferred { values, facts: LikeFacts { way, confidence, ambiguous, missing: Vec::new(), look: false } })
 }
 
 /// By matching the vertices of `mesh` with those of the reference. The transferred values are stored in `work`.
-fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>, work: &WorkDir) -> Result<Carried> {
+fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>, work: &WorkDir) -> Result<Transferred> {
     let most = mesh.positions.len().max(reference.mesh.positions.len());
     let params = CorrespondParams::default().landmarks(default_landmarks_for_vertices(most));
     let found = correspond(mesh, reference.mesh, None, &params, context)?;
@@ -157,21 +163,21 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>, work: &
     }
     let matched = || matches.iter().filter(|one| one.vertex().is_some());
     let confidence = matched().map(|one| f64::from(one.confidence)).sum::<f64>() / matched().count().max(1) as f64;
-    carried(array, Way::Shape, confidence, found.alignments.ambiguous, work)
+    transferred(array, Way::Shape, confidence, found.alignments.ambiguous, work)
 }
 
-/// Gives the parts of `result`, which was cut with the hints in `carried`, the numbers, colours and names of the
+/// Gives the parts of `result`, which was cut with the hints in `transferred`, the numbers, colours and names of the
 /// reference, and records them in the work directory.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Cancelled`].
 pub fn apply_reference_numbering(
     mut result: SegmentedMesh,
-    carried: &mut Carried,
+    transferred: &mut Transferred,
     reference: Reference<'_>,
     context: Context<'_>,
 ) -> Result<SegmentedMesh> {
-    let counts = tally(result.labels.iter().copied().zip(carried.values.iter().copied()));
+    let counts = tally(result.labels.iter().copied().zip(transferred.values.iter().copied()));
     let parts = reference.parts();
     // Tiny components and walls with a label of their own do not correspond to reference parts, whatever was
     // transferred to them.
@@ -205,7 +211,7 @@ pub fn apply_reference_numbering(
         area[new as usize] += result.numbers.area.get(old).copied().unwrap_or(0.);
     }
     let grey = |part: usize| reference.colours.get(part).copied().unwrap_or([128; 3]);
-    let facts = &mut carried.facts;
+    let facts = &mut transferred.facts;
     // Numbers that the reference does not use are not parts.
     let mut known = vec![false; parts];
     let labelled = reference.labels.iter().filter(|label| **label != UNLABELLED);

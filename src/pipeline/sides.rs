@@ -7,7 +7,7 @@
 //! Cost: everything of the size of a mesh is a mapped file; only queues of fronts are allocated.
 
 use crate::apps::correspond::align::TELLING;
-use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
+use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, transformed};
 use crate::apps::correspond::matches::{Match, Matching, matches};
 use crate::apps::correspond::partial::PartialOutcome;
 use crate::apps::correspond::refine::{Known, Outcome, Refinable, Refine, Start, refine, refit, rivals};
@@ -395,7 +395,7 @@ pub(super) fn refined(
             basis.first(graph.len(), &format!("{name}first_functions.npy"), Context::new(&side.work, context.run))
         };
         let (basis_a, basis_b) = (first(basis_a, graph_a, a)?, first(basis_b, graph_b, b)?);
-        let in_a = carried(&basis_b, &map, "carried.npy", Context::new(&b.work, context.run))?;
+        let in_a = transformed(&basis_b, &map, "carried.npy", Context::new(&b.work, context.run))?;
         let coordinates = [(&basis_a.values[..], basis_a.count), (&in_a[..], k)];
         let pair = RefinedPair::new(coordinates, k, [graph_a, graph_b], EXHAUSTIVE, context)?;
         let found = matches(&pair, params.matching, &format!("{name}matches.npy"), context)?;

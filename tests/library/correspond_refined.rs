@@ -2,7 +2,7 @@
 
 use crate::common::{self, stride};
 use nalgebra::DMatrix;
-use nystrom_stream::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, carried};
+use nystrom_stream::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, transformed};
 use nystrom_stream::apps::correspond::points::nearest_in_triangle;
 use nystrom_stream::apps::correspond::{Errors, Matching, Pair, Refine, accuracy, matches};
 use nystrom_stream::base::random::{below, stream, unit};
@@ -158,7 +158,7 @@ fn walks_find_what_comparing_all_finds() {
     // A little beside the identity, so that nearest points are not at distance 0.
     let mut draw = stream(4, "map");
     let map = DMatrix::from_fn(60, 60, |i, j| f64::from(u8::from(i == j)) + 0.02 * (unit(&mut draw) - 0.5));
-    let in_a = carried(&basis, &map, "c.npy", context).unwrap();
+    let in_a = transformed(&basis, &map, "c.npy", context).unwrap();
     let coordinates = [(&basis.values[..], basis.count), (&in_a[..], 60)];
     let pair = |limit| RefinedPair::new(coordinates, 60, [&graph, &graph], limit, context).unwrap();
     let (all, walked) = (pair(EXHAUSTIVE), pair(0));

@@ -33,7 +33,7 @@ pub const FINE: usize = 1000;
 /// Number of guesses that are refined; of the distinct ones that fit then, [`LAST`] are refined finely.
 pub const KEPT: usize = 40;
 /// Number of points, representing equal shares of area, for the transport cost.
-const CARRIED: usize = 400;
+const TRANSPORTED: usize = 400;
 /// Number of maps that are refined on [`FINE`] points.
 const LAST: usize = 8;
 /// Iterations of a refinement.
@@ -254,7 +254,7 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
     let [chosen_a, chosen_b] = [a, b].map(|shape| sample(shape.nodes, FINE, run.seed, "fine points"));
     let (fine_a, fine_b) = (embedded(a, &chosen_a), embedded(b, &chosen_b));
     let [equal_a, equal_b] =
-        [a, b].map(|shape| embedded(shape, &shares(shape.nodes, CARRIED, run.seed, "equal shares")));
+        [a, b].map(|shape| embedded(shape, &shares(shape.nodes, TRANSPORTED, run.seed, "equal shares")));
     let landmarks =
         a.rows.zip(b.rows).map(|rows| (rows, embedded(a, &rows.0.landmarks), embedded(b, &rows.1.landmarks)));
     let fine = |k: usize, (): &mut ()| {
@@ -275,10 +275,10 @@ pub fn align(a: Shape<'_>, b: Shape<'_>, run: &Run) -> Result<Alignments> {
         });
         let moved: Vec<Point> = equal_a.iter().map(|point| apply(&transform, point)).collect();
         let cost = |i: usize, k: usize| f64::from(square(&moved[i], &equal_b[k]));
-        let carried = least_assignment(CARRIED, CARRIED, cost).map_or(f64::INFINITY, |holders| {
+        let transported = least_assignment(TRANSPORTED, TRANSPORTED, cost).map_or(f64::INFINITY, |holders| {
             holders.iter().enumerate().filter_map(|(k, holder)| holder.map(|i| cost(i, k))).sum()
         });
-        let transport = Some(unit * carried / CARRIED as f64);
+        let transport = Some(unit * transported / TRANSPORTED as f64);
         Ok(Alignment { transport, distortion, ..measure(transform, &fine_a, &fine_b) })
     };
     let mut refined = run.map_chunks(refined.len(), || (), fine)?;

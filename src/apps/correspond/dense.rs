@@ -167,13 +167,13 @@ fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSl
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn carried(basis: &LocalBasis, c: &DMatrix<f64>, name: &str, context: Context<'_>) -> Result<MappedSlice<f32>> {
+pub fn transformed(basis: &LocalBasis, c: &DMatrix<f64>, name: &str, context: Context<'_>) -> Result<MappedSlice<f32>> {
     let (n, k) = (basis.values.len() / basis.count.max(1), c.ncols());
     let to_a = ToA::new(c);
     let mut array = context.work.array::<f32>(name, &[n, k])?;
     let fill = |chunk: usize, out: &mut [f32], (): &mut ()| {
         for (v, out) in chunk_range(n, CHUNK, chunk).zip(out.chunks_exact_mut(k)) {
-            to_a.carry(basis.at(v), out);
+            to_a.apply(basis.at(v), out);
         }
         Ok(())
     };

@@ -213,13 +213,13 @@ fn fit_between(a: &Points, b: &Points, pairs: &[(u32, u32)], counts: [usize; 2])
     }
 }
 
-struct Carried<'a> {
+struct ApplyMap<'a> {
     map: &'a [f32],
     from: &'a [f32],
     out: &'a mut [f32],
 }
 
-impl SimdKernel for Carried<'_> {
+impl SimdKernel for ApplyMap<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -249,15 +249,15 @@ impl ToA {
     }
 
     /// Transforms a point from B's coordinates (at least as many as the map has) to A's (k).
-    pub fn carry(&self, point: &[f32], out: &mut [f32]) {
-        dispatch(Carried { map: &self.map, from: &point[..self.of_b], out: &mut out[..self.k] });
+    pub fn apply(&self, point: &[f32], out: &mut [f32]) {
+        dispatch(ApplyMap { map: &self.map, from: &point[..self.of_b], out: &mut out[..self.k] });
     }
 
     /// Transforms all of `points`.
-    pub fn carry_all(&self, points: &Points) -> Points {
+    pub fn apply_all(&self, points: &Points) -> Points {
         let mut values = vec![0.; points.len() * self.k];
         for (i, out) in values.chunks_exact_mut(self.k.max(1)).enumerate() {
-            self.carry(points.at(i), out);
+            self.apply(points.at(i), out);
         }
         Points { dimensions: self.k, values }
     }
@@ -302,7 +302,7 @@ mod tests {
         let pairs: Vec<(u32, u32)> = (0..200).map(|i| (i, i)).collect();
         let map = fit(&a, &b, &pairs, k);
         assert!((&map - &turn).norm() < 1e-4, "{}", (&map - &turn).norm());
-        let back = ToA::new(&map).carry_all(&b);
+        let back = ToA::new(&map).apply_all(&b);
         assert!(back.values.iter().zip(&a.values).all(|(x, y)| (x - y).abs() < 1e-4));
     }
 }

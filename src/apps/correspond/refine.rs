@@ -213,8 +213,8 @@ impl Samples {
     /// The matches of A's sample among B's under the map `c`.
     fn matched(&self, c: &DMatrix<f64>) -> Vec<u32> {
         let [a, b] = &self.functions;
-        let carried = ToA::new(c).carry_all(b);
-        let targets = Targets::new((0..b.len()).map(|i| carried.at(i)), c.nrows());
+        let b_in_a = ToA::new(c).apply_all(b);
+        let targets = Targets::new((0..b.len()).map(|i| b_in_a.at(i)), c.nrows());
         let mut found = Vec::with_capacity(a.len());
         targets.nearest(&(0..a.len()).map(|i| a.at(i)).collect::<Vec<_>>(), &mut found);
         self.fix(&mut found);
@@ -266,8 +266,8 @@ impl Samples {
         let [a, b] = &self.functions;
         let k = c.nrows();
         let to_a = ToA::new(&c);
-        let carried = to_a.carry_all(b);
-        let in_b = Targets::new((0..b.len()).map(|i| carried.at(i)), k);
+        let b_in_a = to_a.apply_all(b);
+        let in_b = Targets::new((0..b.len()).map(|i| b_in_a.at(i)), k);
         let in_a = Targets::new((0..a.len()).map(|i| a.at(i)), k);
         let nearest = |targets: &Targets, points: &Points| {
             let mut found = Vec::new();
@@ -275,19 +275,19 @@ impl Samples {
             found
         };
         let square = |x: &[f32], y: &[f32]| x.iter().zip(y).map(|(x, y)| f64::from(x - y).powi(2)).sum::<f64>();
-        let (there, back) = (nearest(&in_b, a), nearest(&in_a, &carried));
+        let (there, back) = (nearest(&in_b, a), nearest(&in_a, &b_in_a));
         let one_way = |found: &[u32], from: &Points, to: &Points| {
             let squares = found.iter().enumerate().map(|(i, &j)| square(from.at(i), to.at(j as usize)));
             squares.sum::<f64>() / (found.len() * k).max(1) as f64
         };
-        let residual = one_way(&there, a, &carried) + one_way(&back, &carried, a);
+        let residual = one_way(&there, a, &b_in_a) + one_way(&back, &b_in_a, a);
         let mut hit = vec![false; b.len()];
         there.iter().for_each(|&j| hit[j as usize] = true);
         let covered = hit.iter().filter(|&&hit| hit).count() as f64 / b.len().max(1) as f64;
         // The images of landmarks of either mesh on the other.
         let [of_a, of_b] = &self.landmarks;
         let to_b = nearest(&in_b, of_a);
-        let to_a = nearest(&in_a, &to_a.carry_all(of_b));
+        let to_a = nearest(&in_a, &to_a.apply_all(of_b));
         let [rows_a, rows_b] = sides.map(|side| side.rows);
         let mut sum = 0f64;
         for (i, &image_b) in to_b.iter().enumerate() {
