@@ -111,7 +111,7 @@ pub fn spawn<'scope, T: Send + 'scope>(
 ///
 /// # Errors
 /// [`Error::Internal`] when `other` panicked.
-pub fn beside<A: Send, B>(
+pub fn run_concurrently<A: Send, B>(
     threads: usize,
     other: impl FnOnce() -> A + Send,
     work: impl FnOnce() -> B,

@@ -19,7 +19,7 @@ use super::row_starts::{BLOCKS, LONG_ROWS, StartsForm};
 use super::weights::{Metric, Weighting};
 use super::{half_edge_pairs, half_edges, node_blocks};
 use crate::base::Result;
-use crate::base::parallel::beside;
+use crate::base::parallel::run_concurrently;
 use crate::mesh::Mesh;
 use crate::store::checked::all_below;
 use crate::store::manifest::MANIFEST;
@@ -184,7 +184,7 @@ impl DualGraph {
             Some(array) => nodes::build(mesh, &frame, array, context.run).map(|(array, sums)| (array.into(), sums)),
         };
         // Finding the vertices that blocks share is single-threaded, so it runs beside the geometry.
-        let (blocks, geometry) = beside(context.run.threads, || NodeBlocks::of(mesh, context), geometry)?;
+        let (blocks, geometry) = run_concurrently(context.run.threads, || NodeBlocks::of(mesh, context), geometry)?;
         let (nodes, sums): (NodeGeometry, _) = geometry?;
         let (pairs, counts) = half_edges::matched(mesh, path, blocks?, context)?;
         let edges = match assemble_in_memory(mesh, &frame, &nodes, &pairs, context)? {

@@ -12,7 +12,7 @@
 
 use crate::base::Result;
 use crate::base::bounds::Bounds;
-use crate::base::parallel::beside;
+use crate::base::parallel::run_concurrently;
 use crate::store::npy::{ArrayMut, Item};
 use crate::store::{Context, Run};
 use bytemuck::{Pod, Zeroable};
@@ -161,7 +161,7 @@ fn sort(points: &mut [RankedPoint], i: usize, leaves: usize, n: usize, run: &Run
     let below = |points, i| sort(points, i, leaves, n, run);
     // As many boxes in parallel as there are threads.
     if i < run.threads {
-        let (left, right) = beside(run.threads, || below(left, 2 * i), || below(right, 2 * i + 1))?;
+        let (left, right) = run_concurrently(run.threads, || below(left, 2 * i), || below(right, 2 * i + 1))?;
         return left.and(right);
     }
     below(left, 2 * i)?;
