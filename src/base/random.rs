@@ -32,10 +32,10 @@ pub fn weighted(sums: &[f64], random: &mut Random) -> usize {
 /// −ln u / weight and the first one wins. Its u is a hash of `key` and its name, so small changes of weights, and items
 /// added or removed, seldom change the winner. With running sums ([`weighted`]) a small change early in the list shifts
 /// every later draw.
-pub fn raced(key: u64, items: impl Iterator<Item = (u64, f64)>) -> usize {
+pub fn weighted_by_key(key: u64, items: impl Iterator<Item = (u64, f64)>) -> usize {
     let (mut least, mut winner) = (f64::INFINITY, 0);
     for (item, (name, weight)) in items.enumerate() {
-        let u = ((mixed(name ^ key) >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
+        let u = ((splitmix_step(name ^ key) >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
         // −ln u is at least 1 − u, so most logarithms can be skipped.
         if 1. - u < least * weight {
             let end = -ln(u);
@@ -48,13 +48,13 @@ pub fn raced(key: u64, items: impl Iterator<Item = (u64, f64)>) -> usize {
 }
 
 /// A pseudo-random number computed from `x` alone: a step of SplitMix64 (Steele, Lea, Flood 2014).
-pub fn mixed(x: u64) -> u64 {
-    mix(x.wrapping_add(0x9E37_79B9_7F4A_7C15))
+pub fn splitmix_step(x: u64) -> u64 {
+    splitmix_finalise(x.wrapping_add(0x9E37_79B9_7F4A_7C15))
 }
 
 /// Mixes 64 bits (the finaliser of SplitMix64).
 #[inline]
-pub fn mix(x: u64) -> u64 {
+pub fn splitmix_finalise(x: u64) -> u64 {
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)
@@ -102,18 +102,18 @@ mod tests {
         let race = |key, skipped: usize, scale: f64| {
             let items = weights.iter().enumerate().filter(|(i, _)| *i != skipped);
             let items: Vec<(u64, f64)> = items.map(|(i, w)| (i as u64, w * if i == 7 { scale } else { 1. })).collect();
-            items[raced(key, items.iter().copied())].0
+            items[weighted_by_key(key, items.iter().copied())].0
         };
         let mut wins = [0; 4];
         let (mut moved, mut lost) = (0, 0);
         for key in 0..6_000 {
-            let winner = race(mixed(key), usize::MAX, 1.);
+            let winner = race(splitmix_step(key), usize::MAX, 1.);
             wins[winner as usize % 4] += 1;
-            moved += usize::from(race(mixed(key), usize::MAX, 1.5) != winner);
-            lost += usize::from(race(mixed(key), 0, 1.) != winner);
+            moved += usize::from(race(splitmix_step(key), usize::MAX, 1.5) != winner);
+            lost += usize::from(race(splitmix_step(key), 0, 1.) != winner);
         }
         assert!(wins[0] == 0 && [1, 2, 3].iter().all(|&w| (wins[w] - 1_000 * w as i32).abs() < 150), "{wins:?}");
         assert!(moved < 60 && lost == 0, "{moved} of 6,000 winners moved with one weight, {lost} with an item of none");
-        assert_eq!(raced(1, [(0, 0.), (1, 0.)].into_iter()), 0);
+        assert_eq!(weighted_by_key(1, [(0, 0.), (1, 0.)].into_iter()), 0);
     }
 }

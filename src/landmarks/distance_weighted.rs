@@ -17,7 +17,7 @@
 use super::farthest::one_by_one;
 use super::{Found, Sampler, Space};
 use crate::base::Result;
-use crate::base::random::{below, mixed, stream};
+use crate::base::random::{below, splitmix_step, stream};
 use crate::graph::NodeView;
 use crate::store::mapped::Access;
 
@@ -60,7 +60,7 @@ fn greatest(nodes: NodeView<'_>, field: &[f32], key: u64) -> u32 {
 
 /// The fixed number in (0, 1] of node `i` under `key`.
 fn uniform(key: u64, i: u64) -> f64 {
-    ((mixed(key ^ i) >> 11) + 1) as f64 / (1u64 << 53) as f64
+    ((splitmix_step(key ^ i) >> 11) + 1) as f64 / (1u64 << 53) as f64
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 //! Cost: a tenth of a second on a fast disk, two seconds on one of 150 MB/s; a buffer of one mebibyte.
 
 use super::private_folder;
-use crate::base::random::{mix, stream};
+use crate::base::random::{splitmix_finalise, stream};
 use crate::base::{Error, Result};
 use rand_xoshiro::rand_core::Rng;
 use rustix::fs::{Advice, fadvise};
@@ -47,7 +47,7 @@ impl DiskSpeed {
         for k in 0..BYTES / BLOCK {
             // Every page differs, since disks may deduplicate equal ones.
             for (page, j) in block.chunks_mut(PAGE).zip(0..) {
-                page[..8].copy_from_slice(&mix((k * BLOCK / PAGE + j) as u64).to_le_bytes());
+                page[..8].copy_from_slice(&splitmix_finalise((k * BLOCK / PAGE + j) as u64).to_le_bytes());
             }
             file.write_all(&block).map_err(wrong("write"))?;
         }

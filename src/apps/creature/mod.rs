@@ -15,7 +15,7 @@ mod numbering;
 mod relief;
 mod shape;
 
-use crate::base::random::{self, mix};
+use crate::base::random::{self, splitmix_finalise};
 use crate::base::{Error, Result, parallel};
 use crate::mesh::ply::{Encoding, HeaderWriter, Scalar};
 use crate::store::new_file::by_rename;
@@ -180,7 +180,8 @@ impl Creature {
         let (p, row, column) = self.numbering.point(vertex);
         let (mut x, normal) = self.relief.place(p, row, column, self.numbering.m());
         if self.noise > 0.0 {
-            let random = mix(mix(vertex ^ self.noise_key).wrapping_add(self.noise_key)) >> 11;
+            let random =
+                splitmix_finalise(splitmix_finalise(vertex ^ self.noise_key).wrapping_add(self.noise_key)) >> 11;
             x += normal * (self.noise * (random as f64 / (1u64 << 52) as f64 - 1.0));
         }
         [x.x as f32, x.y as f32, x.z as f32]

@@ -7,7 +7,7 @@
 //! time: at most a binary search over patches, and 10–20 ns per item in random order.
 
 use super::cage::Patch;
-use crate::base::random::{Random, mix};
+use crate::base::random::{Random, splitmix_finalise};
 use crate::base::{Error, Result, random};
 use rand_xoshiro::rand_core::Rng;
 
@@ -328,7 +328,7 @@ impl Permutation {
         let mut halves = [x & self.masks[0], x >> self.low_bits];
         for round in order {
             let (to, from) = (round % 2, 1 - round % 2);
-            halves[to] ^= mix(halves[from] ^ self.keys[round]) & self.masks[to];
+            halves[to] ^= splitmix_finalise(halves[from] ^ self.keys[round]) & self.masks[to];
         }
         halves[0] | halves[1] << self.low_bits
     }

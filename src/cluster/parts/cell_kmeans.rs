@@ -6,10 +6,10 @@
 //!
 //! [`crate::cluster::kmeans`] fits centres to sampled faces, coordinate by coordinate and on all threads. This one
 //! labels cells, runs a dozen times in each decision, is vectorised for a single thread, and draws its seeds so that
-//! small changes of the points change few of them ([`crate::base::random::raced`]). Cost: n k d multiply-adds per
-//! round, 8 n d bytes.
+//! small changes of the points change few of them ([`crate::base::random::weighted_by_key`]). Cost: n k d multiply-adds
+//! per round, 8 n d bytes.
 
-use crate::base::random::{Random, raced};
+use crate::base::random::{Random, weighted_by_key};
 use crate::base::simd::{SimdKernel, dispatch};
 use rand_xoshiro::rand_core::Rng;
 
@@ -140,7 +140,7 @@ impl CellKMeans {
             drawn.clear();
             for _ in 0..if made == 0 { 1 } else { self.candidates.max(1) } {
                 let items = names.iter().map(|&name| u64::from(name)).zip(pulls.iter().copied());
-                drawn.push(raced(random.next_u64(), items));
+                drawn.push(weighted_by_key(random.next_u64(), items));
             }
             let candidates: Vec<f32> = drawn.iter().flat_map(|&pick| x.point(pick)).copied().collect();
             groups.set(&candidates, x.d);

@@ -19,7 +19,7 @@ use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, c
 use super::shortcuts::with_shortcuts;
 use super::thickness::log_thickness;
 use crate::base::Result;
-use crate::base::random::{Random, below, mixed, stream};
+use crate::base::random::{Random, below, splitmix_step, stream};
 use crate::spectral::anchor::{AnchorEmbedding, LandmarkDistances, anchor_embedding};
 use crate::store::run::Run;
 use rand_xoshiro::rand_core::Rng;
@@ -356,7 +356,7 @@ impl OverSegmentationParams {
         let mut all: Vec<usize> = (0..rows).collect();
         // By identifier, not by number: reordering landmarks changes nothing, and moving one changes only that one.
         let key = random.next_u64();
-        all.sort_by_cached_key(|&j| mixed(names[j] ^ key));
+        all.sort_by_cached_key(|&j| splitmix_step(names[j] ^ key));
         all.truncate(count);
         all.sort_unstable();
         let scale = SCALES[below(random, SCALES.len())];
