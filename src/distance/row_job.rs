@@ -95,7 +95,7 @@ impl RowJob<'_> {
     }
 
     /// Computes the rows that the spec wants, and passes each to `visitor`. None is kept.
-    pub fn pass(&self, visitor: RowVisitor<'_>, context: Context<'_>) -> Result<Entries> {
+    pub fn stream_rows(&self, visitor: RowVisitor<'_>, context: Context<'_>) -> Result<Entries> {
         self.fill(&RowSink::new(self.spec, Target::Visitor(visitor), Entries::new()), context)
     }
 

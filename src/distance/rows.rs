@@ -1,5 +1,5 @@
 //! The rows of `[A B]`: one front per landmark, written to a mapped file, or passed to a visitor that needs each only
-//! once ([`DistanceRows::pass`]).
+//! once ([`DistanceRows::stream_rows`]).
 //!
 //! [`super::row_job`] computes them, [`super::shard`] with several processes.
 //!
@@ -281,7 +281,7 @@ impl DistanceRows {
     /// are those of [`DistanceRows::build`]. Progress is reported as stage `rows`; nothing is recorded in the manifest.
     /// # Errors
     /// As [`DistanceRows::build`], and those of `visitor`.
-    pub fn pass(
+    pub fn stream_rows(
         graph: &WeightedGraph,
         nodes: NodeView<'_>,
         params: RowParams<impl Sampler + Serialize>,
@@ -290,7 +290,7 @@ impl DistanceRows {
     ) -> Result<Landmarks> {
         let spec = Self::spec(graph, nodes.len(), &params, context.run)?;
         let job = RowJob { weighted: graph, graph: graph.csr(), nodes, sampler: &params.sampling, spec: &spec };
-        let (entries, _) = context.run.stage("rows", "rows", spec.rows as u64, || job.pass(visitor, context))?;
+        let (entries, _) = context.run.stage("rows", "rows", spec.rows as u64, || job.stream_rows(visitor, context))?;
         let (nodes, facts) = entries.into_values().map(|entry| (entry.landmark, entry.facts)).unzip();
         Ok(Landmarks { nodes, facts })
     }

@@ -89,7 +89,7 @@ impl WeightedSurface<'_> {
     fn sample(self, l: usize, params: &SegmentParams, context: Context<'_>) -> Result<Sample> {
         let sampling = params.sampling.unwrap_or_default();
         if !params.keeps_rows(context.work.durable()) {
-            return self.passing(RowParams { l, sampling }, context);
+            return self.averaged_on_the_fly(RowParams { l, sampling }, context);
         }
         let rows = rows(self.graph, self.weighted, l, params, context)?;
         let before = |k: usize| rows.landmarks[..k].iter().map(|&node| rows.row(k)[node as usize]).collect();
@@ -102,7 +102,7 @@ impl WeightedSurface<'_> {
     }
 
     /// Rows averaged as they are computed, and discarded.
-    fn passing(self, params: RowParams<Sampling>, context: Context<'_>) -> Result<Sample> {
+    fn averaged_on_the_fly(self, params: RowParams<Sampling>, context: Context<'_>) -> Result<Sample> {
         let Self { graph, weighted, surface } = self;
         let average = CellAverages::new(surface.cells()?, &surface.shares);
         let seen = Mutex::new(vec![(Vec::new(), Vec::new()); params.l.min(graph.nodes.len())]);
@@ -114,7 +114,7 @@ impl WeightedSurface<'_> {
             }
             Ok(())
         };
-        let landmarks = DistanceRows::pass(weighted, graph.nodes.view(), params, &look, context)?;
+        let landmarks = DistanceRows::stream_rows(weighted, graph.nodes.view(), params, &look, context)?;
         let seen = seen.into_inner().unwrap_or_else(PoisonError::into_inner);
         let (between, b): (Vec<_>, Vec<_>) = seen.into_iter().unzip();
         Ok(Sample { landmarks, between, b: b.concat(), sampling: params.sampling })

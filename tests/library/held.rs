@@ -94,7 +94,8 @@ fn rows_that_pass_are_the_rows_that_are_kept() {
                 Ok(())
             };
             let landmarks =
-                DistanceRows::pass(&weighted, graph.nodes.view(), params, &look, Context::new(&passing, &run)).unwrap();
+                DistanceRows::stream_rows(&weighted, graph.nodes.view(), params, &look, Context::new(&passing, &run))
+                    .unwrap();
             assert_eq!((&landmarks.nodes, &landmarks.facts), (&kept.landmarks, &kept.facts));
             assert!((0..params.l).all(|k| seen.lock().unwrap()[k] == kept.row(k)), "{sampling:?}, {budget} bytes");
             let left = std::fs::read_dir(passing.path()).unwrap().count();
@@ -118,7 +119,7 @@ fn what_a_look_at_a_row_fails_with_ends_the_rows() {
         _ => Ok(()),
     };
     let error =
-        DistanceRows::pass(&weighted, graph.nodes.view(), params, &look, Context::new(&work, &run)).unwrap_err();
+        DistanceRows::stream_rows(&weighted, graph.nodes.view(), params, &look, Context::new(&work, &run)).unwrap_err();
     assert!(error.to_string().contains("seen enough"), "{error}");
 }
 
