@@ -12,7 +12,7 @@ use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::graph::{Metric, Order};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::ply::labelled::PlyForm;
-use nystrom_stream::pipeline::sharding::Divided;
+use nystrom_stream::pipeline::sharding::ShareStep;
 use nystrom_stream::pipeline::{Boundaries, Cluster, TinyComponents, Walls};
 use nystrom_stream::spectral::{Kernel, Normalisation};
 
@@ -57,7 +57,7 @@ impl Choice for Sampling {
     ];
 }
 
-impl Choice for Divided {
+impl Choice for ShareStep {
     const CHOICES: &'static [Named<Self>] = &[
         (Self::Normals, "normals", "The fronts that averaged normals need, by ranges of faces"),
         (

@@ -28,7 +28,7 @@ use nystrom_stream::pipeline::input::Record;
 use nystrom_stream::pipeline::labels::{self, Labels};
 use nystrom_stream::pipeline::recipe;
 use nystrom_stream::pipeline::report::Report;
-use nystrom_stream::pipeline::sharding::{self, Divided, SharedWork};
+use nystrom_stream::pipeline::sharding::{self, ShareStep, SharedWork};
 use nystrom_stream::pipeline::{Cluster, SegmentParams, decision, embed, input};
 use nystrom_stream::spectral::EmbeddingParams;
 use nystrom_stream::store::{Context, Run, WorkDir, json};
@@ -90,8 +90,8 @@ pub struct RowsArgs {
 #[derive(Clone, Debug, clap::Args)]
 pub struct ShareArgs {
     /// What is divided
-    #[arg(value_parser = choice::<Divided>())]
-    pub step: Divided,
+    #[arg(value_parser = choice::<ShareStep>())]
+    pub step: ShareStep,
     #[command(flatten)]
     pub rows: RowsArgs,
 }
@@ -243,11 +243,11 @@ pub fn share(args: &ShareArgs, app: &AppContext) -> Result<(), CliError> {
 
 pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
     // `rows` makes rows over all faces, so parts must be decided on all faces too, not on a contraction.
-    shared(Divided::Rows, args, args.method.params()?.exact(true), app)
+    shared(ShareStep::Rows, args, args.method.params()?.exact(true), app)
 }
 
-/// Runs `rows` and `share` for the work `divided`.
-fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &AppContext) -> Result<(), CliError> {
+/// Runs `rows` and `share` for `step`.
+fn shared(step: ShareStep, args: &RowsArgs, mut params: SegmentParams, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let mut run = args.run.run(&bars, app);
     let (folder, force) = (&args.place.work_dir, args.force);
@@ -278,7 +278,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
     }
     check_places([&path], Some(folder), &args.json.json)?;
     let mut answer = json!({"mesh": path.to_string_lossy(), "work_dir": folder.to_string_lossy()});
-    let shared = SharedWork { divided, identity: &identity, params: &params };
+    let shared = SharedWork { step, identity: &identity, params: &params };
     let read = |work: &WorkDir| match spooled {
         true => Ok((open_file(&path, work.path(), &run)?, identity.clone())),
         false => read(&path, force, Context::new(work, &run)),
@@ -287,7 +287,7 @@ fn shared(divided: Divided, args: &RowsArgs, mut params: SegmentParams, app: &Ap
     if let Some(shard) = args.shard {
         let count = sharding::compute_shard(folder, shared, shard, opened, &run)?;
         answer["shard"] = json!([shard.0, shard.1]);
-        answer[if divided.is_by_landmark() { "rows" } else { "faces" }] = count.into();
+        answer[if step.is_by_landmark() { "rows" } else { "faces" }] = count.into();
         return Ok(args.json.publish_with(answer, bars.log())?);
     }
     let work = open(folder, &run)?;

@@ -38,9 +38,9 @@ use std::time::Duration;
 /// Version of the stages' content.
 const VERSION: u32 = 2;
 
-/// The kind of work that is divided.
+/// A step of a run that is divided into shares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Divided {
+pub enum ShareStep {
     /// The rows over all faces, by landmark.
     Rows,
     /// The fronts for averaging the normals of a large mesh, by ranges of faces.
@@ -55,7 +55,7 @@ pub enum Divided {
     Bands,
 }
 
-impl Divided {
+impl ShareStep {
     /// Whether a share consists of rows; otherwise it is a range of faces.
     pub fn is_by_landmark(self) -> bool {
         matches!(self, Self::Rows | Self::ContractedRows)
@@ -95,8 +95,8 @@ fn sources_file(front: &str) -> String {
 /// The divided work on a given mesh with given options.
 #[derive(Clone, Copy, Debug)]
 pub struct SharedWork<'a> {
-    /// The kind of work.
-    pub divided: Divided,
+    /// Which of its steps.
+    pub step: ShareStep,
     /// Identity of the mesh ([`input::identity`]).
     pub identity: &'a Value,
     /// The options.
@@ -106,14 +106,14 @@ pub struct SharedWork<'a> {
 impl SharedWork<'_> {
     /// What identifies the shares.
     fn key(&self, run: &Run) -> StageKey {
-        let Self { divided, identity, params } = self;
-        let name = match divided {
-            Divided::Rows => "sharding",
-            Divided::Normals => "shared normals",
-            Divided::Contraction => "shared contraction",
-            Divided::ContractedRows => "shared rows",
-            Divided::Depths => "shared depths",
-            Divided::Bands => "shared bands",
+        let Self { step, identity, params } = self;
+        let name = match step {
+            ShareStep::Rows => "sharding",
+            ShareStep::Normals => "shared normals",
+            ShareStep::Contraction => "shared contraction",
+            ShareStep::ContractedRows => "shared rows",
+            ShareStep::Depths => "shared depths",
+            ShareStep::Bands => "shared bands",
         };
         // All options: even whether a mesh is contracted depends on the number of parts.
         StageKey::new(name, VERSION, json!({"input": identity, "params": params, "seed": run.seed}))
@@ -124,9 +124,9 @@ impl SharedWork<'_> {
     fn rows(&self, work: &WorkDir, run: &Run) -> Option<RowShardFacts> {
         let key = self.key(run);
         let facts: RowShardFacts = work.reuse(key.name, key.version, &key.key).ok()?;
-        let there = match self.divided {
-            Divided::ContractedRows if facts.l == 0 => true,
-            Divided::ContractedRows => work.inner(CONTRACTED).ok()?.has_stage(Contraction::NAME, &facts.weights),
+        let there = match self.step {
+            ShareStep::ContractedRows if facts.l == 0 => true,
+            ShareStep::ContractedRows => work.inner(CONTRACTED).ok()?.has_stage(Contraction::NAME, &facts.weights),
             // An altered manifest might claim that there are no rows.
             _ => facts.l > 0 && work.has_stage(WeightsStage::NAME, &facts.weights),
         };
@@ -152,21 +152,21 @@ impl SharedWork<'_> {
 
     /// Whether everything that the shares need exists.
     fn is_prepared(&self, work: &WorkDir, run: &Run) -> bool {
-        match self.divided {
-            Divided::Rows | Divided::ContractedRows => self.rows(work, run).is_some(),
-            Divided::Normals | Divided::Contraction => self.fronts(work, run).is_some(),
-            Divided::Depths | Divided::Bands => self.boundaries(work, run).is_some(),
+        match self.step {
+            ShareStep::Rows | ShareStep::ContractedRows => self.rows(work, run).is_some(),
+            ShareStep::Normals | ShareStep::Contraction => self.fronts(work, run).is_some(),
+            ShareStep::Depths | ShareStep::Bands => self.boundaries(work, run).is_some(),
         }
     }
 
     /// Makes everything that the shares need in `work`.
     fn prepare(&self, opened: &Mesh, context: Context<'_>) -> Result<()> {
-        match self.divided {
-            Divided::Rows => self.prepare_rows(opened, context).map(drop),
-            Divided::Normals | Divided::Contraction => self.prepare_fronts(opened, context),
-            Divided::ContractedRows => self.prepare_contracted_rows(opened, context),
-            Divided::Depths | Divided::Bands => {
-                let bands = self.divided == Divided::Bands;
+        match self.step {
+            ShareStep::Rows => self.prepare_rows(opened, context).map(drop),
+            ShareStep::Normals | ShareStep::Contraction => self.prepare_fronts(opened, context),
+            ShareStep::ContractedRows => self.prepare_contracted_rows(opened, context),
+            ShareStep::Depths | ShareStep::Bands => {
+                let bands = self.step == ShareStep::Bands;
                 let (facts, files) = BoundaryFacts::make(bands, opened, self.identity, self.params, context)?;
                 context.work.record_stage(self.key(context.run), &files, &facts, 0.)
             }
@@ -214,7 +214,7 @@ impl SharedWork<'_> {
             Ok(())
         };
         let contracts = self.params.contracts(nodes);
-        if contracts && self.divided == Divided::Normals {
+        if contracts && self.step == ShareStep::Normals {
             let stage = SurfaceStage { graph: &graph, kind: Kind::Faces, cells: false };
             let shares = AreaShares::of(&graph, context)?;
             for (radius, file) in stage.likely_normals(&shares, context)? {
@@ -233,17 +233,17 @@ impl SharedWork<'_> {
 
     /// Computes a share in `work`; returns its number of rows or faces. `None` if what it needs does not exist.
     fn share(&self, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<Option<usize>> {
-        match self.divided {
-            Divided::Rows | Divided::ContractedRows => {
+        match self.step {
+            ShareStep::Rows | ShareStep::ContractedRows => {
                 self.rows(work, run).map(|facts| self.share_rows(facts, shard, work, run)).transpose()
             }
-            Divided::Normals | Divided::Contraction => {
+            ShareStep::Normals | ShareStep::Contraction => {
                 self.fronts(work, run).map(|facts| self.share_fronts(&facts, shard, work, run)).transpose()
             }
-            Divided::Depths | Divided::Bands => match self.boundaries(work, run) {
+            ShareStep::Depths | ShareStep::Bands => match self.boundaries(work, run) {
                 None => Ok(None),
                 Some(facts) if facts.is_done(work) => Ok(Some(nothing_to_do(run))),
-                Some(facts) if self.divided == Divided::Depths => facts.share_depths(shard, work, run).map(Some),
+                Some(facts) if self.step == ShareStep::Depths => facts.share_depths(shard, work, run).map(Some),
                 Some(facts) => facts.share_bands(shard, work, run),
             },
         }
@@ -251,9 +251,9 @@ impl SharedWork<'_> {
 
     fn share_rows(&self, facts: RowShardFacts, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<usize> {
         let inner;
-        let (work, form) = match self.divided {
-            Divided::ContractedRows if facts.l == 0 => return Ok(nothing_to_do(run)),
-            Divided::ContractedRows => {
+        let (work, form) = match self.step {
+            ShareStep::ContractedRows if facts.l == 0 => return Ok(nothing_to_do(run)),
+            ShareStep::ContractedRows => {
                 inner = work.inner(CONTRACTED)?;
                 (&*inner, StartsForm::Plain)
             }
@@ -266,8 +266,8 @@ impl SharedWork<'_> {
     }
 
     fn share_fronts(&self, facts: &FrontFacts, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<usize> {
-        let used = match self.divided {
-            Divided::Contraction => work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")).ok(),
+        let used = match self.step {
+            ShareStep::Contraction => work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")).ok(),
             _ => Some(work.manifest()),
         };
         let stages = used.map(|manifest| manifest.stages).unwrap_or_default();
@@ -294,8 +294,7 @@ impl SharedWork<'_> {
 /// Notes that a share is empty, since the mesh is small or later stages exist. Returns 0, the number of its faces or
 /// rows.
 fn nothing_to_do(run: &Run) -> usize {
-    run.progress
-        .note_of_work("nothing to do: small meshes are not divided, and what is made already is not made again");
+    run.progress.note_of_work("nothing to do: small meshes are not divided, and what is made already is not made again");
     0
 }
 
@@ -337,7 +336,7 @@ pub fn compute_all_rows(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<DistanceRows> {
-    let weighted = SharedWork { divided: Divided::Rows, identity, params }.prepare_rows(opened, context)?;
+    let weighted = SharedWork { step: ShareStep::Rows, identity, params }.prepare_rows(opened, context)?;
     let l = landmarks_over_faces(params, opened.faces.len())?;
     let rows = RowParams { l, sampling: params.sampling.unwrap_or_default() };
     let nodes: MappedSlice<Node> = context.work.open_array(nodes::FILE)?;
@@ -410,15 +409,15 @@ mod tests {
     /// and contraction. "Nothing to do" for a thousand parts was then taken as the answer for ten.
     #[test]
     fn every_kind_of_share_is_of_one_number_of_parts() {
-        use Divided::{Bands, ContractedRows, Contraction, Depths, Normals, Rows};
+        use ShareStep::{Bands, ContractedRows, Contraction, Depths, Normals, Rows};
         let (identity, run) = (json!("mesh"), Run::new(&()));
-        for divided in [Rows, Normals, Contraction, ContractedRows, Depths, Bands] {
+        for step in [Rows, Normals, Contraction, ContractedRows, Depths, Bands] {
             let [few, many] = [10, 1_001].map(|parts| {
                 let parts = PartsParams { count: PartCount::Exactly(parts), ..PartsParams::default() };
                 let params = SegmentParams::default().cluster(Cluster::KMeans).parts(parts);
-                SharedWork { divided, identity: &identity, params: &params }.key(&run).key
+                SharedWork { step, identity: &identity, params: &params }.key(&run).key
             });
-            assert_ne!(few, many, "{divided:?}");
+            assert_ne!(few, many, "{step:?}");
         }
     }
 }
