@@ -332,19 +332,19 @@ pub struct OverSegmentationParams {
 }
 
 /// The K-means of a single run: two starts, run to convergence.
-const CAREFUL: CellKMeans = CellKMeans { clusters: 28, restarts: 2, rounds: 20, candidates: 3, tolerance: 1e-6 };
+const THOROUGH: CellKMeans = CellKMeans { clusters: 28, restarts: 2, rounds: 20, candidates: 3, tolerance: 1e-6 };
 /// The K-means of one run among many: one start, eight rounds. Measured on 190 models, the parts of twelve such runs
-/// are as good as with careful ones, in half the time.
-const BRISK: CellKMeans = CellKMeans { clusters: 28, restarts: 1, rounds: 8, candidates: 3, tolerance: 1e-3 };
+/// are as good as with thorough ones, in half the time.
+const FAST: CellKMeans = CellKMeans { clusters: 28, restarts: 1, rounds: 8, candidates: 3, tolerance: 1e-3 };
 
 impl OverSegmentationParams {
     /// All rows, the middle scale, 28 clusters (fewer if there are fewer rows): the single run.
     pub fn single(rows: usize) -> OverSegmentationParams {
-        let clusters = CAREFUL.clusters.min(rows.saturating_sub(1)).max(1);
+        let clusters = THOROUGH.clusters.min(rows.saturating_sub(1)).max(1);
         OverSegmentationParams {
             rows: (0..rows).collect(),
             scale: SCALES[1],
-            kmeans: CellKMeans { clusters, ..CAREFUL },
+            kmeans: CellKMeans { clusters, ..THOROUGH },
         }
     }
 
@@ -362,7 +362,7 @@ impl OverSegmentationParams {
         let scale = SCALES[below(random, SCALES.len())];
         let clusters = CLUSTERS[0] + below(random, CLUSTERS[1] - CLUSTERS[0] + 1);
         let clusters = clusters.min(count.saturating_sub(1)).max(1);
-        OverSegmentationParams { rows: all, scale, kmeans: CellKMeans { clusters, ..BRISK } }
+        OverSegmentationParams { rows: all, scale, kmeans: CellKMeans { clusters, ..FAST } }
     }
 }
 

@@ -30,7 +30,7 @@ const LEAST: f64 = 1e-14;
 /// Parts are separated only if the disagreement expected of people with them is at most this share of that with the
 /// undivided surface. The ratio is at most .49 on 204 meshes, .32 to .76 on a noisy shell with a body in it, under
 /// eight seeds; a cortex whose folds make no parts had .81 and more, when landmarks were farthest points.
-const PAYS: f64 = 0.8;
+const MAX_RELATIVE_DISAGREEMENT: f64 = 0.8;
 /// Maximum number of rounds of local moves between joins.
 const ROUNDS: usize = 30;
 
@@ -230,7 +230,7 @@ pub fn soft_hierarchy(
     )?;
     // Parts that hardly reduce the disagreement are joined at ½ already.
     let expected = |label: &[u32]| expected_disagreement(superfaces, co_association, label);
-    let least = if expected(&levels[1]) > PAYS * expected(&levels[0]) { HALF } else { 0.0 };
+    let least = if expected(&levels[1]) > MAX_RELATIVE_DISAGREEMENT * expected(&levels[0]) { HALF } else { 0.0 };
     let coarse = stages.into_iter().rev().flatten();
     let cell = |superface: u32| superfaces.first[superface as usize];
     let unions = coarse.map(|u| CellUnion { level: u.level.max(least), a: cell(u.a), b: cell(u.b), ..u });
