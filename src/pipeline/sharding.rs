@@ -294,7 +294,8 @@ impl SharedWork<'_> {
 /// Notes that a share is empty, since the mesh is small or later stages exist. Returns 0, the number of its faces or
 /// rows.
 fn nothing_to_do(run: &Run) -> usize {
-    run.progress.note_of_work("nothing to do: small meshes are not divided, and what is made already is not made again");
+    run.progress
+        .note_of_work("nothing to do: small meshes are not divided, and what is made already is not made again");
     0
 }
 

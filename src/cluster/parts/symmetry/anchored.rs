@@ -40,14 +40,14 @@ const MEAN: f32 = 4.0;
 /// # Errors
 /// Cancellation.
 pub fn maps(surface: &Surface<'_>, run: &Run) -> Result<Vec<CellMap>> {
-    let begun = surface.begun();
-    let places: Vec<u32> = begun.iter().map(|begun| begun.place).collect();
+    let initial = surface.initial_maps();
+    let places: Vec<u32> = initial.iter().map(|map| map.place).collect();
     let rows = surface.paths.rows(&places);
     let started = run.map_chunks(
-        begun.len(),
+        initial.len(),
         || (),
         |k, ()| {
-            let Begun { anchors, first, place } = &begun[k];
+            let InitialMap { anchors, first, place } = &initial[k];
             let mut anchors = anchors.clone();
             anchors.add([surface.samples.cell[*first], *place], [&surface.rows[*first], &rows[k]]);
             surface.grow(&mut anchors, GROWTH[0]);
@@ -62,7 +62,7 @@ pub fn maps(surface: &Surface<'_>, run: &Run) -> Result<Vec<CellMap>> {
             let mut anchors = going_on[k].clone();
             GROWTH[1..].iter().for_each(|&growth| surface.grow(&mut anchors, growth));
             for _ in 0..ROUNDS {
-                let next = surface.again(&anchors);
+                let next = surface.recompute_images(&anchors);
                 let still = next.cell == anchors.cell;
                 anchors = next;
                 if still {
@@ -90,7 +90,7 @@ fn distinct(maps: Vec<Anchors>) -> Vec<Anchors> {
 }
 
 /// The start of a map: matched tips, a sample and its likely image.
-struct Begun {
+struct InitialMap {
     anchors: Anchors,
     /// Number of the sample.
     first: usize,
@@ -99,10 +99,10 @@ struct Begun {
 
 impl Surface<'_> {
     /// The initial maps.
-    fn begun(&self) -> Vec<Begun> {
+    fn initial_maps(&self) -> Vec<InitialMap> {
         let tips = tips(self, TIPS);
         let rows = self.paths.rows(&tips);
-        let mut begun = Vec::new();
+        let mut initial = Vec::new();
         for Matching { image, .. } in matchings(&tips, &rows, &self.mean).iter().take(MATCHINGS) {
             let mut anchors = Anchors::default();
             for (i, j) in
@@ -113,24 +113,25 @@ impl Surface<'_> {
             let far: Vec<f32> = self.samples.cell.iter().map(|&sample| anchors.distance(sample)).collect();
             let first = (0..SAMPLES).fold(0, |a, b| if far[b] > far[a] { b } else { a });
             for place in self.places(self.samples.cell[first], &anchors) {
-                begun.push(Begun { anchors: anchors.clone(), first, place });
+                initial.push(InitialMap { anchors: anchors.clone(), first, place });
             }
         }
-        begun
+        initial
     }
 
     /// The likely images of `sample`.
     fn places(&self, sample: u32, anchors: &Anchors) -> Vec<u32> {
-        let unlike = self.unlike(sample, anchors, None);
-        let is_least = |&i: &u32| self.paths.steps(i).all(|(j, _)| unlike[j as usize] >= unlike[i as usize]);
+        let dissimilarity = self.dissimilarity(sample, anchors, None);
+        let is_least =
+            |&i: &u32| self.paths.steps(i).all(|(j, _)| dissimilarity[j as usize] >= dissimilarity[i as usize]);
         let mut least: Vec<u32> =
             (0..self.paths.len() as u32).filter(|&i| self.reached[i as usize]).filter(is_least).collect();
-        sort_by(&mut least, |&a, &b| unlike[a as usize].total_cmp(&unlike[b as usize]));
+        sort_by(&mut least, |&a, &b| dissimilarity[a as usize].total_cmp(&dissimilarity[b as usize]));
         let (most, apart, worse) = PLACES;
         let mut places: Vec<u32> = Vec::new();
         for i in least {
             let best = places.first().map_or(i, |&best| best);
-            let close = unlike[i as usize] < unlike[best as usize] + worse;
+            let close = dissimilarity[i as usize] < dissimilarity[best as usize] + worse;
             if close && places.len() < most && places.iter().all(|&other| self.apart(i, other) > apart) {
                 places.push(i);
             }
@@ -139,7 +140,7 @@ impl Surface<'_> {
     }
 
     /// The misfit of each cell as the image of `cell`, given the images of anchors (S), in units of length.
-    fn unlike(&self, cell: u32, anchors: &Anchors, except: Option<usize>) -> Vec<f32> {
+    fn dissimilarity(&self, cell: u32, anchors: &Anchors, except: Option<usize>) -> Vec<f32> {
         let own = self.mean[cell as usize];
         let mut sum: Vec<f32> = self.mean.iter().map(|mean| MEAN * (mean - own).abs()).collect();
         let mut total = MEAN;
@@ -155,8 +156,8 @@ impl Surface<'_> {
 
     /// The likeliest image of `cell`.
     fn likeliest(&self, cell: u32, anchors: &Anchors, except: Option<usize>) -> u32 {
-        let unlike = self.unlike(cell, anchors, except);
-        (0..unlike.len()).fold(0, |a, b| if unlike[b] < unlike[a] { b } else { a }) as u32
+        let dissimilarity = self.dissimilarity(cell, anchors, except);
+        (0..dissimilarity.len()).fold(0, |a, b| if dissimilarity[b] < dissimilarity[a] { b } else { a }) as u32
     }
 
     /// Turns the first samples that are farther than `least` from all anchors into anchors.
@@ -169,7 +170,7 @@ impl Surface<'_> {
     }
 
     /// Recomputes every second image from all other anchors. Most stay where they were and keep their rows.
-    fn again(&self, anchors: &Anchors) -> Anchors {
+    fn recompute_images(&self, anchors: &Anchors) -> Anchors {
         let firsts: Vec<usize> = (0..anchors.cell.len()).filter(|&k| k <= anchors.image[k]).collect();
         let images: Vec<u32> = firsts.iter().map(|&k| self.likeliest(anchors.cell[k], anchors, Some(k))).collect();
         let kept = |(&k, &image): (&usize, &u32)| {
@@ -212,7 +213,7 @@ impl Surface<'_> {
     /// The map of all cells that the anchors determine.
     fn map(&self, anchors: &Anchors) -> CellMap {
         let n = self.paths.len();
-        let (mut image, mut unlike): (Vec<u32>, Vec<f64>) = ((0..n as u32).collect(), vec![f64::INFINITY; n]);
+        let (mut image, mut dissimilarity): (Vec<u32>, Vec<f64>) = ((0..n as u32).collect(), vec![f64::INFINITY; n]);
         for x in (0..n).filter(|&x| self.reached[x]) {
             let nearest = anchors.nearest(x as u32, NEAREST[1], None);
             let Some(&(d, k)) = nearest.first() else { continue };
@@ -233,9 +234,9 @@ impl Surface<'_> {
             self.paths.steps(x as u32).for_each(|(j, _)| look(image[j as usize] as usize));
             (0..n).for_each(&mut look);
             image[x] = best as u32;
-            unlike[x] = self.in_radii(least, &nearest);
+            dissimilarity[x] = self.in_radii(least, &nearest);
         }
-        self.measured(image, unlike)
+        self.measured(image, dissimilarity)
     }
 
     /// Refines a smooth map whose images may be one step off: each is replaced by the likeliest nearby cell, given the
@@ -246,7 +247,7 @@ impl Surface<'_> {
         for (k, row) in self.paths.rows(&images).iter().enumerate() {
             anchors.add([self.samples.cell[k], images[k]], [&self.rows[k], row]);
         }
-        let mut unlike = vec![f64::INFINITY; image.len()];
+        let mut dissimilarity = vec![f64::INFINITY; image.len()];
         for x in (0..image.len()).filter(|&x| self.reached[x]) {
             let nearest = anchors.nearest(x as u32, NEAREST[1], None);
             let mut best = (image[x], self.misfit([x, image[x] as usize], &nearest, &anchors, f32::INFINITY));
@@ -256,8 +257,8 @@ impl Surface<'_> {
                     best = (y, sum);
                 }
             }
-            (image[x], unlike[x]) = (best.0, self.in_radii(best.1, &nearest));
+            (image[x], dissimilarity[x]) = (best.0, self.in_radii(best.1, &nearest));
         }
-        self.measured(image, unlike)
+        self.measured(image, dissimilarity)
     }
 }

@@ -98,7 +98,7 @@ pub struct CellMap {
     /// The image of each cell (S).
     pub image: Vec<u32>,
     /// Mean difference between the distances of each cell and those of its image, in cell radii (S).
-    pub unlike: Vec<f64>,
+    pub dissimilarity: Vec<f64>,
     /// Distance from each cell to the image of its image, in cell radii (S).
     pub back: Vec<f64>,
 }
@@ -140,9 +140,9 @@ impl<'a> Surface<'a> {
     }
 
     /// A map with the differences between cells and images, and the distances to the images of images.
-    pub fn measured(&self, image: Vec<u32>, unlike: Vec<f64>) -> CellMap {
+    pub fn measured(&self, image: Vec<u32>, dissimilarity: Vec<f64>) -> CellMap {
         let back = |x: u32| self.apart(x, image[image[x as usize] as usize]) / self.radius;
-        CellMap { back: (0..image.len() as u32).map(back).collect(), image, unlike }
+        CellMap { back: (0..image.len() as u32).map(back).collect(), image, dissimilarity }
     }
 
     /// Area-weighted mean of values in cell radii, each capped at ten.
@@ -151,22 +151,22 @@ impl<'a> Surface<'a> {
     }
 
     /// Mean difference between cells and their images.
-    pub fn mean_unlike(&self, map: &CellMap) -> f64 {
-        self.mean_of(&map.unlike)
+    pub fn mean_dissimilarity(&self, map: &CellMap) -> f64 {
+        self.mean_of(&map.dissimilarity)
     }
 
     /// Whether a map is a reflection beyond doubt.
     pub fn is_reflection(&self, map: &CellMap) -> bool {
-        self.turns_over(map) && self.mean_unlike(map) <= CLOSE && self.shape(map) >= SHAPE
+        self.turns_over(map) && self.mean_dissimilarity(map) <= CLOSE && self.shape(map) >= SHAPE
     }
 
     /// The same for a smooth map: its images are not optimised one by one, so distances must be preserved better.
     pub fn is_smooth_reflection(&self, map: &CellMap) -> bool {
         self.moves_far(&map.image)
             && self.turns_over(map)
-            && self.mean_unlike(map) <= SMOOTH
+            && self.mean_dissimilarity(map) <= SMOOTH
             && self.shape(map) >= SHAPE
-            && self.unlike_thickness(&map.image) <= THICKNESS
+            && self.thickness_dissimilarity(&map.image) <= THICKNESS
     }
 
     /// Whether a map moves the surface, reverses orientation and is its own inverse.
@@ -189,7 +189,7 @@ impl<'a> Surface<'a> {
     /// Mean difference between the logarithms of the thickness of cells and of their images, in units of its mean
     /// deviation. Distances and convexity may also allow a head to be mapped front to back, but the two differ in
     /// thickness.
-    fn unlike_thickness(&self, image: &[u32]) -> f64 {
+    fn thickness_dissimilarity(&self, image: &[u32]) -> f64 {
         let thickness = self.log_thickness;
         let mean_of =
             |value: &dyn Fn(usize) -> f64| (0..thickness.len()).map(|x| self.shares[x] * value(x)).sum::<f64>();
@@ -257,7 +257,7 @@ mod tests {
     fn what_stays_is_as_thick_and_turns_nothing_over() {
         on_surface(|cells, surface| {
             let same: Vec<u32> = (0..cells.len() as u32).collect();
-            assert!(surface.unlike_thickness(&same) < 1e-12);
+            assert!(surface.thickness_dissimilarity(&same) < 1e-12);
             assert!(surface.turning(&same) > 0.99 && surface.moved(&same, 0.0) == 0.0);
             assert!(!surface.moves_far(&same));
             // Arms are a quarter as thick as the trunk.
@@ -265,7 +265,7 @@ mod tests {
             let arm = cells.centre.iter().position(thin).unwrap() as u32;
             let moved: Vec<u32> =
                 same.iter().map(|&x| if thick(&cells.centre[x as usize]) { arm } else { x }).collect();
-            assert!(surface.unlike_thickness(&moved) > super::THICKNESS);
+            assert!(surface.thickness_dissimilarity(&moved) > super::THICKNESS);
             let map = surface.polished(same);
             assert!(!surface.is_smooth_reflection(&map));
         });

@@ -69,7 +69,7 @@ impl Limb {
 
     /// The greatest difference of two limbs' areas within a distance, as a share of the shorter one's; infinite if one
     /// is much longer.
-    fn unlike(&self, other: &Limb) -> f64 {
+    fn dissimilarity(&self, other: &Limb) -> f64 {
         let (a, b) = (&self.within, &other.within);
         let steps = self.steps.min(other.steps);
         if self.steps.max(other.steps) as f64 > LENGTHS * steps as f64 {
@@ -98,20 +98,21 @@ pub fn limb_maps(surface: &Surface<'_>) -> Vec<Vec<MirrorImages>> {
     let tips = tips(surface, TIPS);
     let rows = surface.paths.rows(&tips);
     let limbs: Vec<Limb> = rows.into_iter().map(|row| Limb::new(row, surface.shares)).collect();
-    let groups = alike(&limbs).into_iter().filter(|group| group.len() > 1);
+    let groups = group_similar(&limbs).into_iter().filter(|group| group.len() > 1);
     groups.filter_map(|group| maps(&group, &limbs, &tips, surface.shares)).collect()
 }
 
 /// Groups of limbs in which any two are similar; the most similar are joined first.
-fn alike(limbs: &[Limb]) -> Vec<Vec<usize>> {
+fn group_similar(limbs: &[Limb]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = (0..limbs.len()).map(|k| vec![k]).collect();
-    let unlike: Vec<Vec<f64>> = limbs.iter().map(|a| limbs.iter().map(|b| a.unlike(b)).collect()).collect();
+    let dissimilarity: Vec<Vec<f64>> =
+        limbs.iter().map(|a| limbs.iter().map(|b| a.dissimilarity(b)).collect()).collect();
     loop {
         let mut best: Option<(f64, usize, usize)> = None;
         for b in 0..groups.len() {
             for a in 0..b {
                 let pairs = groups[a].iter().flat_map(|&i| groups[b].iter().map(move |&j| (i, j)));
-                let most = pairs.map(|(i, j)| unlike[i][j]).fold(0.0, f64::max);
+                let most = pairs.map(|(i, j)| dissimilarity[i][j]).fold(0.0, f64::max);
                 if most < best.map_or(SLACK, |best| best.0) {
                     best = Some((most, a, b));
                 }
@@ -201,8 +202,8 @@ mod tests {
         assert!((20..=24).contains(&tube.steps), "{}", tube.steps);
         let longer = shares(&|d: f64| 0.21 * d + if d > 0.66 { 3.0 * (d - 0.66).powi(2) } else { 0.0 });
         let thicker = shares(&|d: f64| 0.3 * d + if d > 0.6 { 3.0 * (d - 0.6).powi(2) } else { 0.0 });
-        assert!(tube.unlike(&longer) < SLACK && tube.unlike(&thicker) > SLACK);
-        assert_eq!(alike(&[tube, thicker, longer]), [vec![0, 2], vec![1]]);
+        assert!(tube.dissimilarity(&longer) < SLACK && tube.dissimilarity(&thicker) > SLACK);
+        assert_eq!(group_similar(&[tube, thicker, longer]), [vec![0, 2], vec![1]]);
         let corner = shares(&|d: f64| std::f64::consts::FRAC_PI_4 * d * d);
         let flat = corner.within[corner.steps - 1] / f64::from(corner.steps as f32 * STEP).powi(2);
         assert!(flat > SLENDER, "{flat}");

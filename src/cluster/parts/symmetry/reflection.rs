@@ -22,14 +22,14 @@ const REACH: f64 = 3.0;
 /// Cancellation.
 pub fn reflection(surface: &Surface<'_>, run: &Run) -> Result<Option<MirrorImages>> {
     let maps = anchored::maps(surface, run)?;
-    let unlike = |map: &CellMap| surface.mean_unlike(map);
+    let dissimilarity = |map: &CellMap| surface.mean_dissimilarity(map);
     let reflections = maps.iter().filter(|map| surface.is_reflection(map));
-    let map = match reflections.min_by(|a, b| unlike(a).total_cmp(&unlike(b))) {
+    let map = match reflections.min_by(|a, b| dissimilarity(a).total_cmp(&dissimilarity(b))) {
         Some(best) => Some(best.clone()),
         None => signs::reflection(surface, &maps, run)?,
     };
     Ok(map.map(|map| {
-        let doubt = map.unlike.iter().zip(&map.back).map(|(unlike, back)| unlike.max(back / 2.0) / REACH);
+        let doubt = map.dissimilarity.iter().zip(&map.back).map(|(cost, back)| cost.max(back / 2.0) / REACH);
         MirrorImages { weight: doubt.map(|doubt| exp64(-doubt.powi(4))).collect(), image: map.image }
     }))
 }

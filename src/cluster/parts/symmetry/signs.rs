@@ -49,17 +49,17 @@ struct Start {
     error: f32,
 }
 
-/// A reflection found from signs or from the maps `begun`; `None` if there is none beyond doubt.
+/// A reflection found from signs or from the maps `initial`; `None` if there is none beyond doubt.
 ///
 /// # Errors
 /// Cancellation.
-pub fn reflection(surface: &Surface, begun: &[CellMap], run: &Run) -> Result<Option<CellMap>> {
+pub fn reflection(surface: &Surface, initial: &[CellMap], run: &Run) -> Result<Option<CellMap>> {
     let samples = Samples::new(surface);
     let functions = Functions::new(surface.cells, surface.shares, &samples.rows);
     run.cancel.check()?;
     let mut looked: Vec<Start> = Vec::new();
     let mut likely = Vec::new();
-    for start in samples.starts(&functions, begun) {
+    for start in samples.starts(&functions, initial) {
         if likely.len() == LOOKED[1] || looked.len() == LOOKED[0] {
             break;
         }
@@ -103,7 +103,7 @@ impl Samples {
     }
 
     /// Maps that move the surface, best first.
-    fn starts(&self, functions: &Functions, begun: &[CellMap]) -> Vec<Start> {
+    fn starts(&self, functions: &Functions, initial: &[CellMap]) -> Vec<Start> {
         let k = SIGNS + 1;
         let signs = (1..1 << SIGNS).map(|signs| self.start(functions, FunctionMap::of_signs(signs, k)));
         let mut best: Vec<Start> = signs.filter(|start| self.moves(start)).collect();
@@ -112,7 +112,7 @@ impl Samples {
         let matrices = best
             .into_iter()
             .map(|start| start.matrix)
-            .chain(begun.iter().map(|map| functions.fitted(&map.image, k).made_orthogonal()));
+            .chain(initial.iter().map(|map| functions.fitted(&map.image, k).made_orthogonal()));
         let refined = matrices.map(|matrix| {
             let mut start = self.start(functions, matrix);
             let mut k = k;
@@ -134,8 +134,8 @@ impl Samples {
         let image: Vec<usize> = self.cell.iter().map(image).collect();
         let mut error = 0.0;
         for (i, &a) in image.iter().enumerate() {
-            let unlike = |(j, &b): (usize, &usize)| self.mass[j] * (self.apart(i, j) - self.apart(a, b)).abs();
-            error += self.mass[i] * image[..i].iter().enumerate().map(unlike).sum::<f32>();
+            let dissimilarity = |(j, &b): (usize, &usize)| self.mass[j] * (self.apart(i, j) - self.apart(a, b)).abs();
+            error += self.mass[i] * image[..i].iter().enumerate().map(dissimilarity).sum::<f32>();
         }
         Start { image, matrix, error }
     }
