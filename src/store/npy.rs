@@ -89,16 +89,16 @@ enum Place {
 
 /// Registers the array for `path` in `arrays`, and returns its first `len` items; an empty array has no memory but is
 /// registered too.
-pub(super) fn hand_over<T: Item>(
+pub(super) fn register<T: Item>(
     path: &Path,
     arrays: &InMemoryArrays,
     bytes: Option<MappedBytes>,
     len: usize,
 ) -> Result<MappedSlice<T>> {
-    kept(path, arrays, bytes, len * size_of::<T>()).slice(path, 0, len)
+    registered(path, arrays, bytes, len * size_of::<T>()).slice(path, 0, len)
 }
 
-fn kept(path: &Path, arrays: &InMemoryArrays, bytes: Option<MappedBytes>, len: usize) -> MappedBytes {
+fn registered(path: &Path, arrays: &InMemoryArrays, bytes: Option<MappedBytes>, len: usize) -> MappedBytes {
     let bytes = bytes.unwrap_or_else(|| Vec::<u64>::new().into());
     arrays.keep(&path.file_name().unwrap_or_default().to_string_lossy(), bytes.clone(), len);
     bytes
@@ -160,7 +160,7 @@ impl<T: Item> ArrayMut<T> {
             Place::File(file, unfinished) => (file, unfinished),
             Place::Memory(arrays) => {
                 let len = self.data.len();
-                return hand_over(&self.path, &arrays, self.data.freeze(), len);
+                return register(&self.path, &arrays, self.data.freeze(), len);
             }
         };
         if durable {
@@ -279,7 +279,7 @@ impl ByteWriter {
             Out::File(out, unfinished) => (out, unfinished),
             Out::Memory(buffer, arrays) => {
                 let bytes = buffer.and_then(|buffer| MappedSliceMut::<u8>::held(buffer, self.len).freeze());
-                return Ok(Some(kept(&self.path, &arrays, bytes, self.len)));
+                return Ok(Some(registered(&self.path, &arrays, bytes, self.len)));
             }
         };
         let mut end = || -> std::io::Result<()> {

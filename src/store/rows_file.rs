@@ -116,7 +116,7 @@ impl<T: Item> RowsFile<T> {
             Place::File(file) => file,
             Place::Memory(data, arrays) => {
                 let data = data.into_inner().unwrap_or_else(|poison| poison.into_inner());
-                return npy::hand_over(&self.path, &arrays, data.freeze(), self.rows * self.len);
+                return npy::register(&self.path, &arrays, data.freeze(), self.rows * self.len);
             }
         };
         if durable {

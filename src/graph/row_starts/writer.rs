@@ -68,7 +68,7 @@ impl Packer {
     }
 
     /// Writes the buffered part of the table.
-    fn hand_over(&mut self, out: &mut ArrayWriter<u64>) -> Result<()> {
+    fn flush_table(&mut self, out: &mut ArrayWriter<u64>) -> Result<()> {
         self.before += self.table.len();
         let result = out.push(&self.table);
         self.table.clear();
@@ -146,7 +146,7 @@ impl RowStartsWriter {
                 *rows += degrees.len();
                 let full: Vec<RowBlock> = degrees.iter().filter_map(|&degree| packer.push(degree)).collect();
                 blocks.push(bytemuck::cast_slice(&full))?;
-                packer.hand_over(table)
+                packer.flush_table(table)
             }
         }
     }
@@ -159,7 +159,7 @@ impl RowStartsWriter {
         *rows += part.rows;
         packer.append(&mut part);
         blocks.push(bytemuck::cast_slice(&part.blocks))?;
-        packer.hand_over(table)?;
+        packer.flush_table(table)?;
         Ok(packer.end)
     }
 
@@ -170,7 +170,7 @@ impl RowStartsWriter {
                 if let Some(last) = packer.finish() {
                     blocks.push(bytemuck::cast_slice(&[last]))?;
                 }
-                packer.hand_over(&mut table)?;
+                packer.flush_table(&mut table)?;
                 Ok(OwnedRowStarts::Packed { rows, blocks: blocks.finish(false)?, table: table.finish(false)? })
             }
         }
