@@ -90,7 +90,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     let measured = calibrate(&params, plan.landmarks, size.faces, &folder, &run)?;
     let pace = |of: &BTreeMap<String, Pace>, stage: &str| of.get(stage).copied().unwrap_or_default();
     let mut plan = plan.with_times(|stage| pace(&measured.smooth, stage), |stage| pace(&measured.rough, stage));
-    if let Some(cache) = page_cache(&plan).filter(|&cache| plan.walked > cache) {
+    if let Some(cache) = page_cache(&plan).filter(|&cache| plan.random_access_bytes > cache) {
         plan = plan.with_waits(DiskSpeed::measure(&folder)?, cache);
     }
     let (mut text, mut notes) = (table(&plan), Vec::new());

@@ -100,7 +100,8 @@ pub struct Plan {
     /// [`Plan::disk_peak`] for a smooth surface, which needs fewer normals.
     pub disk_peak_smooth: u64,
     /// Mapped bytes that fronts access randomly: what the page cache should hold for full speed.
-    pub walked: u64,
+    #[serde(rename = "walked")]
+    pub random_access_bytes: u64,
     /// Total seconds on a smooth surface, if calibrated.
     pub seconds: Option<f64>,
     /// Total seconds on a rough surface, if calibrated.
@@ -247,7 +248,7 @@ impl Plan {
             disk_peak,
             disk_peak_smooth,
             // Row starts, neighbours, weights, a row and the field.
-            walked: 8 * faces + faces / 2 + 8 * corners,
+            random_access_bytes: 8 * faces + faces / 2 + 8 * corners,
             stages,
             seconds: None,
             seconds_rough: None,
@@ -268,7 +269,7 @@ impl Plan {
 
     /// Adds the time for paging with a disk of this speed, if the page cache can hold `cache` bytes of mapped files.
     pub fn with_waits(mut self, speed: DiskSpeed, cache: u64) -> Self {
-        let missing = 1. - (cache as f64 / self.walked as f64).min(1.);
+        let missing = 1. - (cache as f64 / self.random_access_bytes as f64).min(1.);
         let waits = |reads: u64, writes: u64| {
             let (read, written) = (missing * reads as f64, missing * writes as f64);
             WAITING * speed.seconds(read, written) + PAGING * (read + written)
@@ -319,11 +320,11 @@ impl Plan {
 
     /// A one-line warning if the run will be slow for lack of memory; `cache`: bytes available to the page cache.
     pub fn warning(&self, cache: u64) -> Option<String> {
-        (self.walked > cache).then(|| {
+        (self.random_access_bytes > cache).then(|| {
             format!(
                 "fronts walk over {:.1} GB of mapped files, and {:.1} GB of memory are left for them: expect them to wait \
                  for the disk",
-                self.walked as f64 / 1e9,
+                self.random_access_bytes as f64 / 1e9,
                 cache as f64 / 1e9
             )
         })
@@ -381,8 +382,8 @@ mod tests {
         let waiting = WAITING * (reads as f64 / 1e9 + writes as f64 / 5e8);
         let all = waiting + PAGING * (reads + writes) as f64;
         assert!((seconds(0) - timed.seconds.unwrap() - all).abs() < 1e-6 && all > 100., "{all}");
-        assert!((seconds(timed.walked / 2) - timed.seconds.unwrap() - all / 2.).abs() < 1e-3);
-        assert_eq!(seconds(timed.walked), timed.seconds.unwrap());
+        assert!((seconds(timed.random_access_bytes / 2) - timed.seconds.unwrap() - all / 2.).abs() < 1e-3);
+        assert_eq!(seconds(timed.random_access_bytes), timed.seconds.unwrap());
         // A rough surface has more to compute and more to read and write.
         let slow = timed.clone().with_waits(speed, 0);
         assert!(slow.seconds_rough.unwrap() > slow.seconds.unwrap() + timed.stages.len() as f64);
