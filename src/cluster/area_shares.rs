@@ -119,11 +119,11 @@ impl AreaShares {
         self.computed.as_ref().map_or_else(|| self.stored[at], |(_, from)| from.share(node.area))
     }
 
-    /// Calls `see` with the shares of the nodes `range`, in order.
-    pub(super) fn each(&self, range: Range<usize>, mut see: impl FnMut(f32)) {
+    /// Calls `visit` with the shares of the nodes `range`, in order.
+    pub(super) fn each(&self, range: Range<usize>, mut visit: impl FnMut(f32)) {
         match &self.computed {
-            None => self.stored[range].iter().for_each(|&share| see(share)),
-            Some((nodes, from)) => nodes.view().each(range, |_, node| see(from.share(node.area))),
+            None => self.stored[range].iter().for_each(|&share| visit(share)),
+            Some((nodes, from)) => nodes.view().each(range, |_, node| visit(from.share(node.area))),
         }
     }
 

@@ -136,12 +136,12 @@ impl<'a> NodeView<'a> {
         }
     }
 
-    /// Calls `see` with the nodes of `range`, in order.
+    /// Calls `visit` with the nodes of `range`, in order.
     #[inline]
-    pub fn each(self, range: Range<usize>, mut see: impl FnMut(usize, &Node)) {
+    pub fn each(self, range: Range<usize>, mut visit: impl FnMut(usize, &Node)) {
         match self.0 {
-            Look::Array(array) => range.clone().zip(&array[range]).for_each(|(i, node)| see(i, node)),
-            Look::Mesh(mesh) => mesh.each_node(range, see),
+            Look::Array(array) => range.clone().zip(&array[range]).for_each(|(i, node)| visit(i, node)),
+            Look::Mesh(mesh) => mesh.each_node(range, visit),
         }
     }
 
@@ -251,10 +251,10 @@ impl ComputedGeometry {
         node
     }
 
-    /// Calls `see` with the nodes of `range`, in order, in a loop without calls.
+    /// Calls `visit` with the nodes of `range`, in order, in a loop without calls.
     #[inline]
-    pub fn each_node(&self, range: Range<usize>, mut see: impl FnMut(usize, &Node)) {
-        nodes::each_node(&self.mesh, self.frame, range, |face, node, _| see(face, &self.flip(face, *node)));
+    pub fn each_node(&self, range: Range<usize>, mut visit: impl FnMut(usize, &Node)) {
+        nodes::each_node(&self.mesh, self.frame, range, |face, node, _| visit(face, &self.flip(face, *node)));
     }
 
     /// The area of face `face`.

@@ -191,12 +191,12 @@ impl NodeSums {
     }
 }
 
-/// Calls `see` with the node of each face of `range`, in order, and whether the face is degenerate.
+/// Calls `visit` with the node of each face of `range`, in order, and whether the face is degenerate.
 #[inline]
-pub fn each_node(mesh: &Mesh, frame: Frame, range: Range<usize>, mut see: impl FnMut(usize, &Node, bool)) {
+pub fn each_node(mesh: &Mesh, frame: Frame, range: Range<usize>, mut visit: impl FnMut(usize, &Node, bool)) {
     mesh.faces.for_each(range, |face, corners| {
         let (node, flat) = Node::of_face(corners, mesh, &frame);
-        see(face, &node, flat);
+        visit(face, &node, flat);
     });
 }
 

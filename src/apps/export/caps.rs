@@ -347,8 +347,8 @@ mod tests {
     fn caps_of(points: &[[f64; 3]], faces: &[Vec<u32>], by_place: bool) -> (Mesh, Caps) {
         let triangles: Vec<[u32; 3]> = faces.iter().map(|f| [f[0], f[1], f[2]]).collect();
         let mesh = Mesh::from_slices(points, &triangles).unwrap();
-        let visit = |see: &mut dyn FnMut(&[u32])| {
-            faces.iter().for_each(|face| see(face));
+        let visit = |visit_face: &mut dyn FnMut(&[u32])| {
+            faces.iter().for_each(|face| visit_face(face));
             Ok(())
         };
         let run = Run::new(&());

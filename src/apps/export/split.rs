@@ -248,9 +248,9 @@ impl Splitter<'_> {
     /// The caps of `part`, given the number of corners of its faces, and whether edges are identified by positions
     /// alone.
     fn caps(&self, part: u32, at_cuts: &EdgesAtCuts, size: (u64, bool)) -> Result<Caps> {
-        Caps::of(self.mesh, at_cuts, size, self.run, |see| {
+        Caps::of(self.mesh, at_cuts, size, self.run, |visit_face| {
             self.each(part, |_, face| {
-                see(face);
+                visit_face(face);
                 Ok(())
             })
         })

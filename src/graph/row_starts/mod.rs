@@ -147,17 +147,17 @@ impl RowStarts<'_> {
         }
     }
 
-    /// Calls `see` with consecutive `rows` and their entries: cheaper than [`RowStarts::span`].
+    /// Calls `visit` with consecutive `rows` and their entries: cheaper than [`RowStarts::span`].
     #[inline(always)]
-    pub fn each(self, rows: Range<usize>, mut see: impl FnMut(usize, Range<usize>)) {
+    pub fn each(self, rows: Range<usize>, mut visit: impl FnMut(usize, Range<usize>)) {
         let mut start = self.entries_of(rows.clone()).start;
         for row in rows {
-            // `see` is called in only one place, so that it is inlined.
+            // `visit` is called in only one place, so that it is inlined.
             let end = match self {
                 Self::Packed(packed) if packed.blocks[row / ROWS].start < COUNTED => start + 3,
                 _ => self.span(row as u32).end,
             };
-            see(row, start..end);
+            visit(row, start..end);
             start = end;
         }
     }
