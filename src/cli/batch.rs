@@ -9,7 +9,7 @@ use super::errors::{file_of, message};
 use super::input::meshes;
 use super::made::Maker;
 use super::options::{AppContext, CliError};
-use super::output::{Output, check_folders, check_names, ending, outputs_of};
+use super::output::{Output, check_folders, check_names, closing_line, outputs_of};
 use super::progress::{BatchBars, Style, human, tell};
 use super::segment::{Job, SegmentArgs, Task, one};
 use super::sink::{OpenSink, Sink, check_distinct, check_outside};
@@ -112,7 +112,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let faces = format!("{} face{}", human(report.input.faces as f64), if report.input.faces == 1 { "" } else { "s" });
     // With `--like`, the reference may leave numbers unused.
     let parts = report.parts.iter().filter(|part| part.faces > 0).count();
-    run.progress.note_of_work(&ending(&faces, parts, start, &job.outputs));
+    run.progress.note_of_work(&closing_line(&faces, parts, start, &job.outputs));
     Ok(())
 }
 

@@ -160,7 +160,7 @@ impl CorrespondArgs {
 
     /// Rejects invalid combinations before any work.
     fn check(&self) -> Result<(), CliError> {
-        self.check_endings()?;
+        self.check_extensions()?;
         if self.colour_by.is_some() && self.colours.is_empty() && self.picture.is_none() {
             return Err(misfit("--colour-by", "--colours or --picture"));
         }
@@ -184,13 +184,13 @@ impl CorrespondArgs {
     }
 
     /// Every output has the extension of its format.
-    fn check_endings(&self) -> Result<(), CliError> {
+    fn check_extensions(&self) -> Result<(), CliError> {
         if let Some(path) = self.output.iter().find(|path| !files::is_known(path)) {
-            let (path, endings) = (path.display(), files::ENDINGS);
-            return Err(CliError::Usage(format!("-o {path}: its ending says no known form; end it with {endings}")));
+            let (path, extensions) = (path.display(), files::EXTENSIONS);
+            return Err(CliError::Usage(format!("-o {path}: its ending says no known form; end it with {extensions}")));
         }
         let one = Option::as_slice;
-        for (option, paths, ending) in [
+        for (option, paths, extension) in [
             ("colours", self.colours.as_slice(), "ply"),
             ("picture", one(&self.picture), "png"),
             ("carried", one(&self.carried), "ply"),
@@ -198,8 +198,8 @@ impl CorrespondArgs {
             ("functional-map", one(&self.functional_map), "npy"),
             ("functions", self.functions.as_slice(), "npy"),
         ] {
-            if let Some(path) = paths.iter().find(|path| !ends_with(path, ending)) {
-                return Err(CliError::Usage(format!("--{option} {}: end it with .{ending}", path.display())));
+            if let Some(path) = paths.iter().find(|path| !ends_with(path, extension)) {
+                return Err(CliError::Usage(format!("--{option} {}: end it with .{extension}", path.display())));
             }
         }
         Ok(())

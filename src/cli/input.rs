@@ -5,7 +5,7 @@
 
 use super::made::is_output;
 use super::options::{CliError, ForceArgs};
-use super::output::ENDINGS;
+use super::output::MESH_EXTENSIONS;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::size::is_pipe;
@@ -74,9 +74,9 @@ fn piped(source: File, name: &str, force: ForceArgs, context: Context<'_>) -> Re
     result
 }
 
-fn named(path: &Path, endings: &[&str]) -> bool {
+fn named(path: &Path, extensions: &[&str]) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    endings.iter().any(|ending| name.ends_with(ending))
+    extensions.iter().any(|extension| name.ends_with(extension))
 }
 
 /// Whether `path` is a result of this program, by its name or by the record of a batch.
@@ -98,7 +98,7 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
             let is_file = |path: &Path| path.is_file() || path.is_symlink() && !path.exists();
             let is_hidden =
                 |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-            found.retain(|path| named(path, &ENDINGS) && is_file(path) && !is_hidden(path) && !is_result(path));
+            found.retain(|path| named(path, &MESH_EXTENSIONS) && is_file(path) && !is_hidden(path) && !is_result(path));
             if found.is_empty() {
                 return Err(Error::unusable(
                     word,
@@ -120,7 +120,7 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
                 return Err(Error::unusable(word, "matches no file", "check the pattern").into());
             }
             all.extend(found);
-        } else if !word.exists() && [".json", ".jsonl"].iter().any(|ending| text.ends_with(ending)) {
+        } else if !word.exists() && [".json", ".jsonl"].iter().any(|extension| text.ends_with(extension)) {
             let hint = "is taken for a mesh, and there is no such file; a report is asked for as --json=FILE";
             return Err(CliError::Usage(format!("{text}: {hint}")));
         } else {

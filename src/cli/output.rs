@@ -19,7 +19,7 @@ use std::time::Instant;
 /// The name of standard output on the command line.
 const STDOUT: &str = "-";
 /// Extensions of mesh files, longer ones first.
-pub const ENDINGS: [&str; 8] = [".ply.gz", ".obj.gz", ".off.gz", ".stl.gz", ".ply", ".obj", ".off", ".stl"];
+pub const MESH_EXTENSIONS: [&str; 8] = [".ply.gz", ".obj.gz", ".off.gz", ".stl.gz", ".ply", ".obj", ".off", ".stl"];
 
 /// Options of PLY outputs.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -215,8 +215,8 @@ impl Output {
     pub fn stem(mesh: &Path) -> String {
         let name = mesh.file_name().unwrap_or_default().to_string_lossy();
         let lower = name.to_ascii_lowercase();
-        let ending = ENDINGS.into_iter().find(|ending| lower.ends_with(ending)).unwrap_or("");
-        name[..name.len() - ending.len()].to_string()
+        let extension = MESH_EXTENSIONS.into_iter().find(|extension| lower.ends_with(extension)).unwrap_or("");
+        name[..name.len() - extension.len()].to_string()
     }
 
     /// `MESH.segmented.ply` beside `mesh`.
@@ -305,7 +305,7 @@ pub fn check_folders<'a>(
 }
 
 /// The last line of a command: how many `faces` are in how many `parts`, the time it took, and the outputs.
-pub fn ending(faces: &str, parts: usize, start: Instant, outputs: &[Output]) -> String {
+pub fn closing_line(faces: &str, parts: usize, start: Instant, outputs: &[Output]) -> String {
     let outputs: Vec<String> = outputs.iter().map(Output::to_string).collect();
     let (parts, seconds) = (counted(parts, "part"), start.elapsed().as_secs_f64());
     format!("{faces} in {parts} in {seconds:.2} s, written to {}", outputs.join(", "))

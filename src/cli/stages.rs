@@ -11,7 +11,7 @@ use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
 use super::options::{
     AppContext, CliError, ForceArgs, ResourceArgs, RunArgs, ScratchArgs, ShownArgs, WorkDirArgs, misfit, open,
 };
-use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, ending, outputs_of, scratch_folder};
+use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, closing_line, outputs_of, scratch_folder};
 use super::progress::counted;
 use super::results::Cut;
 use super::sink::{check_places, print, recorded_mesh};
@@ -374,7 +374,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
     let faces = counted(faces, "face");
     if !outputs.is_empty() {
-        run.progress.note_of_work(&ending(&faces, parts, start, &outputs));
+        run.progress.note_of_work(&closing_line(&faces, parts, start, &outputs));
     } else if args.json.json.is_none() && !args.run.shown.quiet {
         let path = work.file(labels::LABELS);
         let parts = counted(parts, "part");

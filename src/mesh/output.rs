@@ -11,9 +11,9 @@ use std::path::Path;
 /// Bytes gathered before they are written.
 const FLUSH: usize = 1 << 20;
 
-/// Whether the extension of `path` is `ending`, ignoring case.
-pub fn ends_with(path: &Path, ending: &str) -> bool {
-    path.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending))
+/// Whether the extension of `path` is `extension`, ignoring case.
+pub fn ends_with(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
 }
 
 /// Calls `write` to fill the output `path`, with `bytes` reserved, under another name until it is complete and synced.

@@ -13,20 +13,20 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 /// The supported file extensions, for messages.
-pub const ENDINGS: &str = if cfg!(feature = "parquet") { ".npy, .csv or .parquet" } else { ".npy or .csv" };
+pub const EXTENSIONS: &str = if cfg!(feature = "parquet") { ".npy, .csv or .parquet" } else { ".npy or .csv" };
 
 const TITLES: &str = "vertex,match,distance,confidence";
 
 /// A file's extension, in lower case.
-fn ending(path: &Path) -> Option<String> {
+fn extension(path: &Path) -> Option<String> {
     path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
 }
 
 /// Whether [`write()`] supports the extension of this name.
 pub fn is_known(path: &Path) -> bool {
-    let ending = ending(path);
-    matches!(ending.as_deref(), Some("npy" | "csv"))
-        || cfg!(feature = "parquet") && ending.as_deref() == Some("parquet")
+    let extension = extension(path);
+    matches!(extension.as_deref(), Some("npy" | "csv"))
+        || cfg!(feature = "parquet") && extension.as_deref() == Some("parquet")
 }
 
 /// Writes matches to `path`, `.npy`, `.csv` or `.parquet`, by rename.
@@ -44,14 +44,14 @@ pub fn is_known(path: &Path) -> bool {
 /// # Errors
 /// [`Error::Parameter`] for another extension; [`Error::Io`], [`Error::Memory`], [`Error::Cancelled`].
 pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
-    match ending(path).as_deref() {
+    match extension(path).as_deref() {
         Some("npy") => npy::write(path, matches, 1, true).map(drop),
         Some("csv") => publish(path, 0, |file| write_csv(path, file, matches, run)),
         #[cfg(feature = "parquet")]
         Some("parquet") => parquet_table::write(path, matches, run),
         _ => {
             let problem = format!("{}: its ending says no known form", path.display());
-            Err(Error::parameter("output", problem, format!("end it with {ENDINGS}")))
+            Err(Error::parameter("output", problem, format!("end it with {EXTENSIONS}")))
         }
     }
 }
@@ -113,7 +113,7 @@ fn write_csv(path: &Path, file: &mut File, matches: &[Match], run: &Run) -> Resu
 /// # Errors
 /// [`Error::Unusable`] for another extension, [`Error::Malformed`] naming the item or line, [`Error::Io`].
 pub fn read(path: &Path) -> Result<Vec<Option<u32>>> {
-    match ending(path).as_deref() {
+    match extension(path).as_deref() {
         Some("npy") => read_npy(path),
         Some("csv") => read_csv(path),
         _ => Err(Error::unusable(path, "its ending says no known form of matches", "give a .npy or .csv file")),

@@ -132,7 +132,7 @@ impl Benchmark {
         let mean_parts = truths.iter().map(|truth| truth.parts() as f64).sum::<f64>() / truths.len() as f64;
         let people = scored(surface.people(&truths)?, mean_parts);
         let candidates =
-            labels.into_iter().flat_map(|folder| ENDINGS.map(|e| folder.join(format!("{}.{e}", model.name))));
+            labels.into_iter().flat_map(|folder| LABEL_EXTENSIONS.map(|e| folder.join(format!("{}.{e}", model.name))));
         let labels = match candidates.into_iter().find(|path| path.exists()) {
             Some(path) => {
                 let labels = read_labels(&path, scratch.path(), &run)?;
@@ -164,7 +164,7 @@ pub fn fitting<'a>(surface: &Evaluator, path: &Path, labels: &'a [u32]) -> Resul
 }
 
 /// File extensions that [`read_labels`] supports, in the order in which a folder is searched for them.
-pub const ENDINGS: [&str; 3] = ["seg", "npy", "ply"];
+pub const LABEL_EXTENSIONS: [&str; 3] = ["seg", "npy", "ply"];
 
 /// Reads labels, one per face. Unpacked data go to `scratch`.
 ///

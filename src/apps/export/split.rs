@@ -70,8 +70,8 @@ pub(super) fn plain_name(name: Option<&str>) -> String {
 
 /// The file name of a part, which may have a name: `part_003.ply`, `part_003_left_arm.ply`.
 pub fn file_name(part: usize, name: Option<&str>, form: PartForm) -> String {
-    let (name, ending) = (plain_name(name), if form == PartForm::Stl { "stl" } else { "ply" });
-    format!("part_{part:03}{}{name}.{ending}", if name.is_empty() { "" } else { "_" })
+    let (name, extension) = (plain_name(name), if form == PartForm::Stl { "stl" } else { "ply" });
+    format!("part_{part:03}{}{name}.{extension}", if name.is_empty() { "" } else { "_" })
 }
 
 /// Whether a folder of parts may contain a file called `name`: its list, or the file of a part.

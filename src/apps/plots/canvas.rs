@@ -34,8 +34,8 @@ pub(super) trait Drawing {
 /// [`Error::Parameter`] for another extension, [`Error::Unusable`] if drawing fails, [`Error::Io`].
 pub(super) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Result<()> {
     let failed = |problem: String| Error::unusable(path, format!("cannot be drawn ({problem})"), "check the folder");
-    match path.extension().map(|ending| ending.to_ascii_lowercase()) {
-        Some(ending) if ending == "svg" => {
+    match path.extension().map(|extension| extension.to_ascii_lowercase()) {
+        Some(extension) if extension == "svg" => {
             let mut text = String::new();
             drawing
                 .draw(&SVGBackend::with_string(&mut text, size).into_drawing_area())
@@ -44,7 +44,7 @@ pub(super) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Res
             let text = printable::lines(&text);
             publish(path, 0, |file| file.write_all(text.as_bytes()).map_err(Error::io(path, "write")))
         }
-        Some(ending) if ending == "png" => {
+        Some(extension) if extension == "png" => {
             let mut pixels = vec![255; 3 * size.0 as usize * size.1 as usize];
             let backend = PixelText(BitMapBackend::with_buffer(&mut pixels, size));
             drawing.draw(&backend.into_drawing_area()).map_err(|error| failed(error.to_string()))?;

@@ -89,16 +89,16 @@ const FOREIGN: [(&[u8], &str); 15] = [
     (b"{", "JSON (glTF)"),
 ];
 /// File extensions of unsupported formats.
-const ENDINGS: [&str; 24] = [
+const UNSUPPORTED_EXTENSIONS: [&str; 24] = [
     "gltf", "glb", "fbx", "dae", "3mf", "3ds", "blend", "step", "stp", "iges", "igs", "vtk", "vtp", "vtu", "las",
     "laz", "pcd", "xyz", "pts", "msh", "usd", "usdz", "wrl", "x3d",
 ];
 
 /// The file extension in lower case, not counting `.gz`.
-fn ending(path: &Path) -> String {
+fn extension(path: &Path) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let name = name.strip_suffix(".gz").unwrap_or(&name);
-    name.rsplit_once('.').map_or("", |(_, ending)| ending).to_string()
+    name.rsplit_once('.').map_or("", |(_, extension)| extension).to_string()
 }
 
 /// Whether `bytes` start with gzip's magic number.
@@ -127,25 +127,25 @@ pub fn name(path: &Path, bytes: &[u8]) -> String {
 /// [`Error::Unusable`] for known but unsupported formats, and for files named as PLY that are of another format.
 pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
     let start = without_mark(bytes).trim_ascii_start();
-    let ending = ending(path);
+    let extension = extension(path);
     let is_ply = start.get(..3).is_some_and(|word| word.eq_ignore_ascii_case(b"ply"))
         && start.get(3).is_none_or(u8::is_ascii_whitespace);
     if is_ply || bytes.is_empty() {
         return Ok(Format::Ply);
     }
     let head = &start[..start.len().min(1 << 14)];
-    if ending == "ply" {
+    if extension == "ply" {
         let misnamed =
             [(is_off(head), "OFF", ".off"), (stl::is_text(bytes), "STL", ".stl"), (is_obj(head), "OBJ", ".obj")];
         return match misnamed.iter().find(|(is_it, ..)| *is_it) {
-            Some((_, name, ending)) => {
+            Some((_, name, extension)) => {
                 let problem = format!("is named as PLY, but its content is {name}");
-                Err(Error::unusable(path, problem, format!("rename it to end with {ending}")))
+                Err(Error::unusable(path, problem, format!("rename it to end with {extension}")))
             }
             None => Ok(Format::Ply),
         };
     }
-    match ending.as_str() {
+    match extension.as_str() {
         "obj" => return Ok(Format::Obj),
         "off" => return Ok(Format::Off),
         "stl" => return Ok(Format::Stl),
@@ -167,8 +167,8 @@ pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
     if is_obj(head) {
         return Ok(Format::Obj);
     }
-    if ENDINGS.contains(&ending.as_str()) {
-        return refuse(&format!(".{ending}"));
+    if UNSUPPORTED_EXTENSIONS.contains(&extension.as_str()) {
+        return refuse(&format!(".{extension}"));
     }
     Ok(Format::Ply)
 }
