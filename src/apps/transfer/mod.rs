@@ -95,7 +95,7 @@ fn probe(opened: &Mesh, frame: &UnitFrame, face: usize, point: usize) -> Probe {
 }
 
 /// Whether the normals of `to` are mostly opposite to those of `from`.
-fn is_turned(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
+fn has_opposite_normals(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
     let (m, n) = (from.faces.len(), to.faces.len());
     let step = m.div_ceil(TRIAL);
     let tree = TriangleTree::of(from, frame, 0..m, |face| (face as usize).is_multiple_of(step));
@@ -142,7 +142,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     let frame = UnitFrame::of(from, context.run)?;
     let (fine, coarse) = (mean_edge(from, &frame, context.run)?, mean_edge(to, &frame, context.run)?);
     let points = if coarse > 1.5 * fine { 4 } else { 1 };
-    let turned = is_turned(from, to, &frame);
+    let turned = has_opposite_normals(from, to, &frame);
     let sign = if turned { -1. } else { 1. };
     let far = FAR * fine.max(coarse);
 
