@@ -90,7 +90,7 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
 fn matches(args: &EvaluateArgs, run: &Run) -> std::result::Result<Outcome, CliError> {
     match (&args.matches, &args.mesh, &args.truth[..]) {
         (Some(matches), Some(mesh), [] | [_]) => {
-            Ok(judge(matches, mesh, args.truth.first().map(PathBuf::as_path), args.samples, run)?)
+            Ok(evaluate_matches(matches, mesh, args.truth.first().map(PathBuf::as_path), args.samples, run)?)
         }
         _ => Err(CliError::Usage("--matches: give one --mesh, and one --truth at the most".into())),
     }
@@ -99,8 +99,8 @@ fn matches(args: &EvaluateArgs, run: &Run) -> std::result::Result<Outcome, CliEr
 /// A whole benchmark.
 fn folder_of_models(folder: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
     let benchmark = Benchmark::open(folder)?;
-    let judge = || benchmark.evaluate(args.labels.as_deref(), !args.no_cuts, run);
-    let (evaluation, _) = run.stage("evaluate", "models", benchmark.models.len() as u64, judge)?;
+    let evaluate = || benchmark.evaluate(args.labels.as_deref(), !args.no_cuts, run);
+    let (evaluation, _) = run.stage("evaluate", "models", benchmark.models.len() as u64, evaluate)?;
     if !evaluation.missing.is_empty() {
         let names = evaluation.missing.join(" ");
         run.progress.note(&format!("no labels for {} models, left out: {names}", evaluation.missing.len()));
@@ -158,7 +158,7 @@ fn one(labels: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
 
 /// Scores `matches`, which refer to vertices of `mesh`, against the vertex map `truth` (identity if none), at up to
 /// `samples` vertices, evenly spread.
-fn judge(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: usize, run: &Run) -> Result<Outcome> {
+fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: usize, run: &Run) -> Result<Outcome> {
     let found = files::read(matches)?;
     let real = truth.map(files::read).transpose()?;
     if let Some(real) = real.as_ref().filter(|real| real.len() != found.len()) {
@@ -192,8 +192,8 @@ fn judge(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: usize, run:
             (_, None) => {}
         }
     }
-    let judge = || accuracy::distances(&graph, &pairs, run);
-    let (errors, _) = run.stage("march", "vertices", pairs.len() as u64, judge)?;
+    let evaluate = || accuracy::distances(&graph, &pairs, run);
+    let (errors, _) = run.stage("march", "vertices", pairs.len() as u64, evaluate)?;
     let errors = Errors::of(errors, unmatched);
     let mut text = format!(
         "{} vertices judged, {} without a match\nerror over √area: mean {:.4}, median {:.4}, 90 % below {:.4}, greatest {:.4}\n",

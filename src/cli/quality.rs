@@ -10,7 +10,7 @@ use super::progress::counted;
 use super::sink::{Sink, check_places};
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
-use nystrom_stream::apps::study::points::{Judged, PointsParams, agreement, pairs};
+use nystrom_stream::apps::study::points::{PointsParams, SampleMeasures, agreement, pairs};
 use nystrom_stream::apps::study::summary::{Spread, one_to_text, summary, to_csv, to_text};
 use nystrom_stream::apps::study::{CompareParams, Over, SampleRecord, StudyData, StudyParams, compare};
 use nystrom_stream::base::{Error, Result};
@@ -264,7 +264,7 @@ pub fn study(args: &StudyArgs, app: &AppContext) -> Result<(), CliError> {
         .points(args.points as usize)
         .landmarks(args.landmarks as usize)
         .runs(args.runs as usize);
-    type Norm = (&'static str, fn(&Judged) -> f64);
+    type Norm = (&'static str, fn(&SampleMeasures) -> f64);
     let norms: [Norm; 3] = [("frobenius", |s| s.frobenius), ("spectral", |s| s.spectral), ("nuclear", |s| s.nuclear)];
     let mut text = String::from("agreement with Γ, per cent, by norm of the Schur complement\n");
     let _ = writeln!(text, "{:>6} {:>10} {:>10} {:>10}", "seed", norms[0].0, norms[1].0, norms[2].0);

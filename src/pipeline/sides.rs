@@ -10,7 +10,7 @@ use crate::apps::correspond::align::TELLING;
 use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, transformed};
 use crate::apps::correspond::matches::{Match, Matching, matches};
 use crate::apps::correspond::partial::PartialOutcome;
-use crate::apps::correspond::refine::{Known, Outcome, Refinable, Refine, Start, refine, refit, rivals};
+use crate::apps::correspond::refine::{Outcome, Prior, Refinable, Refine, Start, refine, refit, rivals};
 use crate::apps::correspond::{Alignment, Alignments, Shape, SurfacePoint, Tensor};
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
@@ -366,8 +366,8 @@ pub(super) fn refined(
         let given =
             if guidance.pairs.is_empty() { None } else { Some([landmark_rows(a, of_a)?, landmark_rows(b, of_b)?]) };
         let rows = given.as_ref().map(|rows| rows.each_ref());
-        let known = Known { pairs: &guidance.pairs, rows, map: guidance.map.as_deref() };
-        refine(sides, &alignments.starts, known, context.run)
+        let prior = Prior { pairs: &guidance.pairs, rows, map: guidance.map.as_deref() };
+        refine(sides, &alignments.starts, prior, context.run)
     })?;
     let found = rivals(&outcomes, sides[1]);
     let begun = |one: &Outcome| match one.start {

@@ -54,7 +54,7 @@ impl LandmarkDistances {
     }
 
     /// The point nearest to landmark `j`.
-    pub fn home(&self, j: usize) -> usize {
+    pub fn nearest_point(&self, j: usize) -> usize {
         let row = self.row(j);
         (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap_or(0)
     }

@@ -327,8 +327,8 @@ fn the_nearest_is_the_nearest() {
             let query: Point = std::array::from_fn(|i| if i < k { points[v][i] + 0.01 * i as f32 } else { 0. });
             let least = brute(&query, &points);
             assert!((whole.nearest(&query).square - least).abs() < 1e-6);
-            let several = whole.several(&query, 5);
-            assert!(several.len() == 5 && several.windows(2).all(|w| w[0].square <= w[1].square));
+            let nearest = whole.k_nearest(&query, 5);
+            assert!(nearest.len() == 5 && nearest.windows(2).all(|w| w[0].square <= w[1].square));
             right += u32::from((part.nearest(&query).square - least).abs() < 1e-6);
         }
         // A walk over a smooth sheet seldom gets stuck.

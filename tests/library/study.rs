@@ -4,7 +4,7 @@ use crate::common;
 use nalgebra::DMatrix;
 use nystrom_stream::apps::study::compare::embedding_errors;
 use nystrom_stream::apps::study::data::{Over, StudyData, StudyParams};
-use nystrom_stream::apps::study::points::{self, PointsParams, TOLERANCE, affinities, agreement, judge};
+use nystrom_stream::apps::study::points::{self, PointsParams, TOLERANCE, affinities, agreement, evaluate_sample};
 use nystrom_stream::apps::study::summary::summary;
 use nystrom_stream::apps::study::{CompareParams, SampleRecord, compare};
 use nystrom_stream::graph::Metric;
@@ -46,12 +46,12 @@ fn gamma_and_schur_complement_have_the_reference_values() {
     let w = affinities(&points);
     let expected = [(476.492073, 5.995561), (474.359263, 7.658967)];
     for (landmarks, (gamma, frobenius)) in samples.iter().zip(expected) {
-        let judged = judge(&w, landmarks, &Run::new(&())).unwrap();
-        assert!((judged.gamma - gamma).abs() < 1e-6, "{judged:?}");
-        assert!((judged.frobenius - frobenius).abs() < 1e-6, "{judged:?}");
+        let measures = evaluate_sample(&w, landmarks, &Run::new(&())).unwrap();
+        assert!((measures.gamma - gamma).abs() < 1e-6, "{measures:?}");
+        assert!((measures.frobenius - frobenius).abs() < 1e-6, "{measures:?}");
         // The nuclear norm of the Schur complement is m − Γ, exactly.
-        assert!((judged.nuclear - (490. - judged.gamma)).abs() <= 1e-8 * 490., "{judged:?}");
-        assert!(judged.spectral <= judged.frobenius && judged.frobenius <= judged.nuclear);
+        assert!((measures.nuclear - (490. - measures.gamma)).abs() <= 1e-8 * 490., "{measures:?}");
+        assert!(measures.spectral <= measures.frobenius && measures.frobenius <= measures.nuclear);
     }
 }
 

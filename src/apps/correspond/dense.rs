@@ -276,7 +276,7 @@ impl Pair for RefinedPair<'_> {
         self.b.compared(&range.map(|v| self.a.at(v as u32)).collect::<Vec<_>>())
     }
 
-    fn home(&self, pairs: &[(u32, u32)]) -> Vec<u32> {
+    fn round_trip(&self, pairs: &[(u32, u32)]) -> Vec<u32> {
         if !self.all {
             let walk = |&(v, target): &(u32, u32)| self.a.walk(self.b.at(target), v, 1, PATIENCE)[0].vertex;
             return pairs.iter().map(walk).collect();
@@ -289,7 +289,7 @@ impl Pair for RefinedPair<'_> {
         self.a.at(v) == self.a.at(w)
     }
 
-    fn several(&self, v: u32, known: u32, count: usize) -> Vec<Neighbour> {
+    fn k_nearest(&self, v: u32, known: u32, count: usize) -> Vec<Neighbour> {
         self.b.walk(self.a.at(v), known, count, 4 * PATIENCE)
     }
 }

@@ -85,11 +85,11 @@ pub trait Pair: Sync {
     /// For each vertex of A in `range` the nearest vertex of B.
     fn nearest(&self, range: Range<usize>) -> Vec<Neighbour>;
     /// For each pair of a vertex of A and its match, the vertex of A that is nearest to the match.
-    fn home(&self, pairs: &[(u32, u32)]) -> Vec<u32>;
+    fn round_trip(&self, pairs: &[(u32, u32)]) -> Vec<u32>;
     /// Whether two vertices of A have the same coordinates.
     fn at_same_place(&self, v: u32, w: u32) -> bool;
     /// Up to `count` vertices of B nearest to `v` of A, in ascending order of distance; `known` is a nearby one.
-    fn several(&self, v: u32, known: u32, count: usize) -> Vec<Neighbour>;
+    fn k_nearest(&self, v: u32, known: u32, count: usize) -> Vec<Neighbour>;
 }
 
 /// Two aligned embeddings.
@@ -120,7 +120,7 @@ impl Pair for AlignedPair<'_> {
         range.map(|v| self.in_b.nearest(&self.alignment.apply(&self.a[v]))).collect()
     }
 
-    fn home(&self, pairs: &[(u32, u32)]) -> Vec<u32> {
+    fn round_trip(&self, pairs: &[(u32, u32)]) -> Vec<u32> {
         let back = self.alignment.transform.transpose();
         pairs.iter().map(|(_, target)| self.in_a.nearest(&apply(&back, &self.b[*target as usize])).vertex).collect()
     }
@@ -129,8 +129,8 @@ impl Pair for AlignedPair<'_> {
         self.a[v as usize] == self.a[w as usize]
     }
 
-    fn several(&self, v: u32, _: u32, count: usize) -> Vec<Neighbour> {
-        self.in_b.several(&self.alignment.apply(&self.a[v as usize]), count)
+    fn k_nearest(&self, v: u32, _: u32, count: usize) -> Vec<Neighbour> {
+        self.in_b.k_nearest(&self.alignment.apply(&self.a[v as usize]), count)
     }
 }
 
@@ -160,11 +160,11 @@ pub fn matches(pair: &impl Pair, matching: Matching, name: &str, context: Contex
             .filter(|i| (first + i).is_multiple_of(step))
             .filter_map(|i| Some(((first + i) as u32, out[i].vertex()?)))
             .collect();
-        for (&(v, _), home) in asked.iter().zip(pair.home(&asked)) {
-            let [from, to] = [v, home].map(|v| wide(graph_a.nodes[v as usize].centroid));
+        for (&(v, _), returned) in asked.iter().zip(pair.round_trip(&asked)) {
+            let [from, to] = [v, returned].map(|v| wide(graph_a.nodes[v as usize].centroid));
             doubt[v as usize - first] = (unit * distance(from, to)) as f32;
             // Ending at the same place in the embedding is as good as at the same vertex.
-            if matching == Matching::Mutual && home != v && !pair.at_same_place(v, home) {
+            if matching == Matching::Mutual && returned != v && !pair.at_same_place(v, returned) {
                 out[v as usize - first] = Match::NONE;
             }
         }
@@ -202,7 +202,7 @@ fn one_to_one(pair: &impl Pair, matches: &mut [Match], context: Context<'_>) -> 
             if keeps {
                 holder[target as usize] = held;
             }
-            let choices = pair.several(loser, target, CHOICES);
+            let choices = pair.k_nearest(loser, target, CHOICES);
             let place = choices.iter().position(|choice| choice.vertex == target);
             // The nearest search may have met another vertex at the same position first.
             let next = choices.get(place.map_or(0, |place| place + 1));

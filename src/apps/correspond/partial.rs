@@ -357,7 +357,7 @@ impl Sampled<'_> {
     }
 
     /// Evaluates an assignment by the matches that follow from distances to anchors.
-    fn judge(&self, images: Vec<Image>) -> PartialOutcome {
+    fn evaluate(&self, images: Vec<Image>) -> PartialOutcome {
         let [in_part, in_whole] = &self.chosen;
         let found = self.begin(&images);
         let pairs: Vec<(u32, u32)> = in_part.iter().zip(&found).map(|(&v, &j)| (v, in_whole[j as usize])).collect();
@@ -460,7 +460,7 @@ pub fn match_part(part: PartialSide<'_>, whole: PartialSide<'_>, run: &Run) -> R
     }
     let chosen = [0, 1].map(|s| sample(&sides[s].graph.nodes, SAMPLES[s], run.seed, "points of parts"));
     let sampled = Sampled { sides, chosen, heat: &heat };
-    let mut found = run.map_chunks(starts.len(), || (), |k, ()| Ok(sampled.judge(starts[k].clone())))?;
+    let mut found = run.map_chunks(starts.len(), || (), |k, ()| Ok(sampled.evaluate(starts[k].clone())))?;
     let best = found.iter().map(|one| one.orientation).fold(f64::NEG_INFINITY, f64::max);
     if best >= TELLING {
         found.retain(|one| one.orientation >= 0.5 * best);

@@ -90,7 +90,7 @@ pub struct Refinable<'a> {
 
 /// Prior knowledge of the map.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Known<'a> {
+pub struct Prior<'a> {
     /// Pairs of corresponding vertices of A and B.
     pub pairs: &'a [(u32, u32)],
     /// Distances from these, on A and on B.
@@ -262,7 +262,7 @@ impl Samples {
     }
 
     /// Evaluates the map `c`.
-    fn judge(&self, sides: [Refinable<'_>; 2], known: Known<'_>, c: DMatrix<f64>, origin: Origin) -> Outcome {
+    fn evaluate(&self, sides: [Refinable<'_>; 2], prior: Prior<'_>, c: DMatrix<f64>, origin: Origin) -> Outcome {
         let [a, b] = &self.functions;
         let k = c.nrows();
         let to_a = ToA::new(&c);
@@ -298,7 +298,7 @@ impl Samples {
             }
         }
         let distortion = sum / (to_a.len() * to_b.len()).max(1) as f64;
-        let landmarks = known.rows.filter(|_| self.fixed > 0).map(|[_, rows]| {
+        let landmarks = prior.rows.filter(|_| self.fixed > 0).map(|[_, rows]| {
             let n = there.len() - self.fixed;
             let missed = |p: usize| f64::from(rows.row(p)[self.chosen[1][there[n + p] as usize] as usize]);
             sides[1].unit * (0..self.fixed).map(missed).sum::<f64>() / self.fixed as f64
@@ -316,22 +316,22 @@ impl Samples {
     }
 }
 
-/// Refines each of `alignments`, and what is `known`, and ranks the results: best first.
+/// Refines each of `alignments`, and the maps that `prior` suggests, and ranks the results: best first.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn refine(
     sides: [Refinable<'_>; 2],
     alignments: &[Alignment],
-    known: Known<'_>,
+    prior: Prior<'_>,
     run: &Run,
 ) -> Result<Vec<Outcome>> {
-    let samples = Samples::new(sides, known.pairs, SAMPLES, run);
+    let samples = Samples::new(sides, prior.pairs, SAMPLES, run);
     let [a, b] = sides;
     let mut begins: Vec<Start> = (0..alignments.len()).map(Start::Alignment).collect();
-    if known.map.is_some() {
+    if prior.map.is_some() {
         begins.push(Start::Map);
-    } else if known.pairs.len() >= SITUATING {
+    } else if prior.pairs.len() >= SITUATING {
         begins.push(Start::Landmarks);
     }
     let costs: Vec<f64> = alignments.iter().map(|one| one.transport.unwrap_or(1.)).collect();
@@ -344,7 +344,7 @@ pub fn refine(
     let few = samples.thinned(THINNED);
     let begin = |k: usize, (): &mut ()| {
         let [in_a, in_b] = &few.chosen;
-        let found = match (origins[k].start, known.rows, known.map) {
+        let found = match (origins[k].start, prior.rows, prior.map) {
             (Start::Alignment(at), ..) => {
                 let (one, dimensions) = (&alignments[at], alignments[at].transform.nrows());
                 let of_b = in_b.iter().map(|&v| b.points[v as usize][..dimensions].to_vec());
@@ -363,7 +363,7 @@ pub fn refine(
             (_, _, Some(map)) => few.by_map(sides, map),
             _ => Vec::new(),
         };
-        Ok(few.judge(sides, known, few.refine(found, origins[k].first, HALFWAY), origins[k]))
+        Ok(few.evaluate(sides, prior, few.refine(found, origins[k].first, HALFWAY), origins[k]))
     };
     let mut begun = run.map_chunks(origins.len(), || (), begin)?;
     let rank = |x: &Outcome, y: &Outcome| x.rank().total_cmp(&y.rank());
@@ -372,7 +372,7 @@ pub fn refine(
     let finish = |k: usize, (): &mut ()| {
         let Outcome { start, first, transport, ref map, .. } = begun[k];
         let map = samples.refine(samples.matched(map), map.nrows(), usize::MAX);
-        Ok(samples.judge(sides, known, map, Origin { start, first, transport }))
+        Ok(samples.evaluate(sides, prior, map, Origin { start, first, transport }))
     };
     let mut all = run.map_chunks(begun.len(), || (), finish)?;
     sort_by(&mut all, rank);

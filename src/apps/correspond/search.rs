@@ -76,7 +76,7 @@ pub(super) fn walk<'g>(
 /// A tree with a fixed number of dimensions.
 trait Search: Send + Sync {
     fn nearest(&self, point: &Point) -> Neighbour;
-    fn several(&self, point: &Point, count: usize) -> Vec<Neighbour>;
+    fn k_nearest(&self, point: &Point, count: usize) -> Vec<Neighbour>;
 }
 
 struct Tree<const K: usize>(ImmutableKdTree<f32, u32, K, 32>);
@@ -87,7 +87,7 @@ impl<const K: usize> Search for Tree<K> {
         Neighbour { vertex: found.item, square: found.distance }
     }
 
-    fn several(&self, point: &Point, count: usize) -> Vec<Neighbour> {
+    fn k_nearest(&self, point: &Point, count: usize) -> Vec<Neighbour> {
         let count = NonZero::new(count).unwrap_or(NonZero::<usize>::MIN);
         let found = self.0.nearest_n::<SquaredEuclidean>(&first(point), count);
         let mut found: Vec<Neighbour> =
@@ -166,8 +166,8 @@ impl<'a> EmbeddingSearch<'a> {
     }
 
     /// Up to `count` of the nearest, in ascending order of distance.
-    pub fn several(&self, point: &Point, count: usize) -> Vec<Neighbour> {
-        if self.step == 1 { self.tree.several(point, count) } else { self.explored(point, count) }
+    pub fn k_nearest(&self, point: &Point, count: usize) -> Vec<Neighbour> {
+        if self.step == 1 { self.tree.k_nearest(point, count) } else { self.explored(point, count) }
     }
 
     /// The nearest `count`, by walking from the nearest in the tree.

@@ -89,30 +89,30 @@ impl Benchmark {
         if let Some(folder) = labels {
             std::fs::read_dir(folder).map_err(Error::io(folder, "list"))?;
         }
-        let judge = |k: usize, (): &mut ()| self.judge(&self.models[k], labels, cuts, run);
-        let outcomes = run.map_chunks(self.models.len(), || (), judge)?;
-        let (mut judged, mut people, mut missing) = (Vec::new(), Vec::new(), Vec::new());
+        let score = |k: usize, (): &mut ()| self.score_model(&self.models[k], labels, cuts, run);
+        let outcomes = run.map_chunks(self.models.len(), || (), score)?;
+        let (mut scored, mut people, mut missing) = (Vec::new(), Vec::new(), Vec::new());
         for outcome in outcomes {
             match (outcome.labels, labels) {
                 (Some(scores), _) => {
-                    judged.push(scores);
+                    scored.push(scores);
                     people.push(outcome.people);
                 }
                 (None, Some(_)) => missing.push(outcome.people.model),
                 (None, None) => people.push(outcome.people),
             }
         }
-        if let Some(folder) = labels.filter(|_| judged.is_empty()) {
+        if let Some(folder) = labels.filter(|_| scored.is_empty()) {
             let first = &self.models[0].name;
             let remedy = format!("name them after the models, as {first}.seg");
             return Err(Error::unusable(folder, "has no labels of any model", remedy));
         }
         let table =
-            if labels.is_some() { ScoreTable::new(judged, &people) } else { ScoreTable::new(people.clone(), &[]) };
+            if labels.is_some() { ScoreTable::new(scored, &people) } else { ScoreTable::new(people.clone(), &[]) };
         Ok(Evaluation { table, people: ScoreTable::new(people, &[]), missing })
     }
 
-    fn judge(&self, model: &BenchmarkModel, labels: Option<&Path>, cuts: bool, run: &Run) -> Result<Outcome> {
+    fn score_model(&self, model: &BenchmarkModel, labels: Option<&Path>, cuts: bool, run: &Run) -> Result<Outcome> {
         run.progress.advance("evaluate", 1);
         let scratch = private_folder(&std::env::temp_dir())?;
         let run = Run { threads: 1, cancel: run.cancel.clone(), ..Run::new(&()) };

@@ -39,7 +39,7 @@ pub const TOLERANCE: f64 = 1e-10;
 
 /// Γ and the norms of the Schur complement of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Judged {
+pub struct SampleMeasures {
     /// Γ.
     pub gamma: f64,
     /// Frobenius norm of the Schur complement.
@@ -54,20 +54,20 @@ pub struct Judged {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SamplePair {
     /// The samples.
-    pub samples: [Judged; 2],
+    pub samples: [SampleMeasures; 2],
 }
 
 impl SamplePair {
     /// The marker for a norm: (η(S₁) − η(S₂), γ(S₂) − γ(S₁)) with γ = Γ as a quality, so that agreement is a positive
     /// product.
-    pub fn marker(&self, norm: impl Fn(&Judged) -> f64) -> (f64, f64) {
+    pub fn marker(&self, norm: impl Fn(&SampleMeasures) -> f64) -> (f64, f64) {
         let [a, b] = &self.samples;
         (norm(a) - norm(b), b.gamma - a.gamma)
     }
 }
 
 /// Share of markers in the first and third quadrants, 0 to 1.
-pub fn agreement(pairs: &[SamplePair], norm: impl Fn(&Judged) -> f64) -> f64 {
+pub fn agreement(pairs: &[SamplePair], norm: impl Fn(&SampleMeasures) -> f64) -> f64 {
     let agree = pairs.iter().map(|pair| pair.marker(&norm)).filter(|(x, y)| x * y > 0.).count();
     agree as f64 / pairs.len().max(1) as f64
 }
@@ -90,11 +90,11 @@ pub fn affinities(points: &[[f64; 2]]) -> DMatrix<f64> {
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub fn judge(w: &DMatrix<f64>, landmarks: &[u32], run: &Run) -> Result<Judged> {
+pub fn evaluate_sample(w: &DMatrix<f64>, landmarks: &[u32], run: &Run) -> Result<SampleMeasures> {
     let rows = DMatrix::from_fn(landmarks.len(), w.ncols(), |k, j| w[(landmarks[k] as usize, j)]);
     let block = DenseBlock { landmarks: landmarks.to_vec(), rows };
     let [frobenius, spectral, nuclear] = schur_norms(w, &block, TOLERANCE);
-    Ok(Judged { gamma: measure(&block, None, TOLERANCE, run)?.gamma, frobenius, spectral, nuclear })
+    Ok(SampleMeasures { gamma: measure(&block, None, TOLERANCE, run)?.gamma, frobenius, spectral, nuclear })
 }
 
 /// All runs of one seed.
@@ -136,7 +136,9 @@ pub fn pairs(params: PointsParams, seed: u64, run: &Run) -> Result<Vec<SamplePai
                 places
             };
             let samples = [sample(), sample()];
-            Ok(SamplePair { samples: [judge(&w, &samples[0], &inner)?, judge(&w, &samples[1], &inner)?] })
+            Ok(SamplePair {
+                samples: [evaluate_sample(&w, &samples[0], &inner)?, evaluate_sample(&w, &samples[1], &inner)?],
+            })
         },
     )
 }

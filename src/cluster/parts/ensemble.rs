@@ -116,9 +116,9 @@ fn landmark_names(cells: &CellGraph, rows: &LandmarkDistances) -> Vec<u64> {
     let (names, mut there) = (cells.names(), vec![0u64; cells.len()]);
     (0..rows.count)
         .map(|j| {
-            let home = rows.home(j);
-            there[home] += 1;
-            u64::from(names[home]) | there[home] << 32
+            let nearest = rows.nearest_point(j);
+            there[nearest] += 1;
+            u64::from(names[nearest]) | there[nearest] << 32
         })
         .collect()
 }

@@ -53,12 +53,12 @@ pub(in crate::cluster::parts) fn of_layers(
     count: usize,
     run: &Run,
 ) -> Result<CoAssociation> {
-    let home: Vec<u32> = (0..rows.count).map(|j| rows.home(j) as u32).collect();
+    let nearest: Vec<u32> = (0..rows.count).map(|j| rows.nearest_point(j) as u32).collect();
     let (mut of_cell, mut log_thickness) = (vec![0; cells.len()], vec![0.0; cells.len()]);
     let mut all: Vec<Square> = Vec::new();
     let mut superfaces = 0;
     for layer in &layers.layers {
-        let own = rows_of(rows, &home, layer);
+        let own = rows_of(rows, &nearest, layer);
         let found = co_association(&cells.subset(layer), own, count, run)?;
         for ((&cell, superface), thickness) in layer.iter().zip(&found.superfaces.of_cell).zip(&found.log_thickness) {
             of_cell[cell as usize] = superfaces + superface;
@@ -90,9 +90,9 @@ pub(in crate::cluster::parts) fn of_layers(
     Ok(CoAssociation { superfaces, log_thickness, c })
 }
 
-/// The distances of the cells of `layer` from the landmarks on it; `home` is the cell of each landmark (l).
-fn rows_of(rows: &LandmarkDistances, home: &[u32], layer: &[u32]) -> LandmarkDistances {
-    let mut own: Vec<usize> = (0..rows.count).filter(|&j| layer.binary_search(&home[j]).is_ok()).collect();
+/// The distances of the cells of `layer` from the landmarks on it; `nearest` is the cell of each landmark (l).
+fn rows_of(rows: &LandmarkDistances, nearest: &[u32], layer: &[u32]) -> LandmarkDistances {
+    let mut own: Vec<usize> = (0..rows.count).filter(|&j| layer.binary_search(&nearest[j]).is_ok()).collect();
     if own.len() < FEWEST {
         own = (0..rows.count).collect();
     }
