@@ -167,7 +167,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
     #[inline(always)]
     fn slot(&mut self, node: u32) -> Result<usize> {
         let slot = self.table[(node >> self.blocks.shift) as usize];
-        if slot < AHEAD { Ok(slot as usize) } else { self.meet(node >> self.blocks.shift) }
+        if slot < AHEAD { Ok(slot as usize) } else { self.enter_block(node >> self.blocks.shift) }
     }
 
     /// The index of the value of `node` in the slot `slot`.
@@ -256,7 +256,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
     /// The front enters a block.
     #[cold]
     #[inline(never)]
-    fn meet(&mut self, block: u32) -> Result<usize> {
+    fn enter_block(&mut self, block: u32) -> Result<usize> {
         let known = self.table[block as usize];
         let slot = if known == NONE { self.load(block)? } else { (known & !AHEAD) as usize };
         self.table[block as usize] = slot as u32;
@@ -284,7 +284,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
     /// Requests a block, after evicting another one.
     fn load(&mut self, block: u32) -> Result<usize> {
         while let Ok(job) = self.readers.done.try_recv() {
-            self.arrived(job?);
+            self.install(job?);
         }
         let slot = self.free()?;
         let nodes = self.blocks.nodes(block);
@@ -321,13 +321,13 @@ impl<'m, 'a> BlockCache<'m, 'a> {
             if slot.is_waiting() || std::mem::take(&mut slot.used) {
                 continue;
             }
-            self.leave(self.hand)?;
+            self.evict(self.hand)?;
             return Ok(self.hand);
         }
     }
 
     /// Evicts the block in `slot`; its values are written to the file.
-    fn leave(&mut self, slot: usize) -> Result<()> {
+    fn evict(&mut self, slot: usize) -> Result<()> {
         let block = std::mem::replace(&mut self.slots[slot].block, NONE);
         if block == NONE {
             return Ok(());
@@ -348,12 +348,12 @@ impl<'m, 'a> BlockCache<'m, 'a> {
     #[inline(never)]
     fn receive(&mut self) -> Result<()> {
         let job = self.readers.done.recv().map_err(|_| Error::internal("nobody reads blocks"))??;
-        self.arrived(job);
+        self.install(job);
         Ok(())
     }
 
     /// Installs a block that was read.
-    fn arrived(&mut self, job: Job<'m>) {
+    fn install(&mut self, job: Job<'m>) {
         self.waiting -= 1;
         let slot = &mut self.slots[job.slot as usize];
         (slot.memory, slot.first, slot.beside) = (job.memory, job.first, job.beside);
@@ -362,7 +362,7 @@ impl<'m, 'a> BlockCache<'m, 'a> {
     /// Writes the remaining values; nodes of blocks that the front never entered are infinitely far.
     pub fn finish(mut self) -> Result<()> {
         for slot in 0..self.slots.len() {
-            self.leave(slot)?;
+            self.evict(slot)?;
         }
         let empty = vec![f32::INFINITY; 1 << self.blocks.shift];
         for block in (0..self.blocks.len() as u32).filter(|&block| !self.written[block as usize]) {

@@ -116,18 +116,18 @@ pub(super) fn front<O: Label>(
         field.fill(f32::INFINITY);
     }
     let pages = if paged { len.div_ceil(1 << SHIFT) } else { 0 };
-    let (mut met, mut entered) = (vec![false; pages], vec![false; pages]);
+    let (mut has_values, mut has_rows) = (vec![false; pages], vec![false; pages]);
     let mut block = Block { field, label, ties: Vec::new() };
-    let mut meet = |to: usize, block: &Block<'_, O>| {
-        if let Some(met @ false) = met.get_mut(to >> SHIFT) {
-            *met = true;
+    let mut request_values = |to: usize, block: &Block<'_, O>| {
+        if let Some(requested @ false) = has_values.get_mut(to >> SHIFT) {
+            *requested = true;
             block.values_needed(to >> SHIFT << SHIFT);
         }
     };
     // Most edges between blocks improve nothing, and then the rows are not needed.
-    let mut enter = |to: usize| {
-        if let Some(entered @ false) = entered.get_mut(to >> SHIFT) {
-            *entered = true;
+    let mut request_rows = |to: usize| {
+        if let Some(requested @ false) = has_rows.get_mut(to >> SHIFT) {
+            *requested = true;
             let from = to >> SHIFT << SHIFT;
             rows_needed(graph, first + from..first + (from + (1 << SHIFT)).min(len));
         }
@@ -137,9 +137,9 @@ pub(super) fn front<O: Label>(
     queue.restart(nearest.distance);
     for message in inbox {
         let to = message.node as usize - first;
-        meet(to, &block);
+        request_values(to, &block);
         if block.reach(to, message.distance, message.label) {
-            enter(to);
+            request_rows(to);
             queue.push(Entry { node: to as u32, distance: message.distance });
         }
     }
@@ -164,14 +164,14 @@ pub(super) fn front<O: Label>(
                         }
                         continue;
                     }
-                    meet(to, &block);
+                    request_values(to, &block);
                     shorter[count] = Message { node: to as u32, distance: there, label: own };
                     count += usize::from(useful & (there <= block.field[to]));
                 }
             }
             for &Message { node, distance, label } in &shorter[..count] {
                 if block.reach(node as usize, distance, label) {
-                    enter(node as usize);
+                    request_rows(node as usize);
                     queue.push(Entry { node, distance });
                 }
             }

@@ -255,8 +255,8 @@ impl Front {
             empty(&mut field[block]);
         }
         self.start(&[source], field);
-        let result = self.walk(graph, field, &mut (), &mut Paged { graph, pages: &mut pages, met: empty }, cancel);
-        pages.unmet().for_each(|block| empty(&mut field[block]));
+        let result = self.walk(graph, field, &mut (), &mut Paged { graph, pages: &mut pages, on_enter: empty }, cancel);
+        pages.not_entered().for_each(|block| empty(&mut field[block]));
         pages.send_all();
         self.pages = Some(pages);
         result
@@ -370,7 +370,7 @@ impl Front {
             will_need(&field[block]);
         }
         self.start(sources, field);
-        let mut paged = Paged { graph, pages: &mut pages, met: |block: &mut [f32]| will_need(block) };
+        let mut paged = Paged { graph, pages: &mut pages, on_enter: |block: &mut [f32]| will_need(block) };
         let result = self.walk(graph, field, label, &mut paged, cancel);
         pages.send_all();
         self.pages = Some(pages);
@@ -451,7 +451,7 @@ impl Front {
                     }
                     steps.each(node, |next, weight| {
                         let there = distance + weight;
-                        pager.meet(node, next, field);
+                        pager.follow_edge(node, next, field);
                         relaxations[count] = Relaxation { to: Entry { node: next, distance: there }, from: node };
                         let known = field[next as usize];
                         let shorter = (there < known) | (label.resolves_ties() & (there == known));

@@ -27,28 +27,28 @@ const LAG: usize = 256;
 /// Is notified where a front goes; `()` ignores it.
 pub(super) trait Pager {
     /// Called for every edge, before the value of `to` in `field` is read.
-    fn meet(&mut self, from: u32, to: u32, field: &mut [f32]);
+    fn follow_edge(&mut self, from: u32, to: u32, field: &mut [f32]);
 }
 
 impl Pager for () {
     #[inline(always)]
-    fn meet(&mut self, _: u32, _: u32, _: &mut [f32]) {}
+    fn follow_edge(&mut self, _: u32, _: u32, _: &mut [f32]) {}
 }
 
-/// Pages of a graph; `met` is called with the part of the field in a block that is entered for the first time.
+/// Pages of a graph; `on_enter` is called with the part of the field in a block that is entered for the first time.
 pub(super) struct Paged<'a, 'g, F> {
     pub graph: Csr<'g>,
     pub pages: &'a mut Pages,
-    pub met: F,
+    pub on_enter: F,
 }
 
 impl<F: Fn(&mut [f32])> Pager for Paged<'_, '_, F> {
     #[inline(always)]
-    fn meet(&mut self, from: u32, to: u32, field: &mut [f32]) {
+    fn follow_edge(&mut self, from: u32, to: u32, field: &mut [f32]) {
         if (from ^ to) >> SHIFT != 0
             && let Some(block) = self.pages.enter(self.graph, to)
         {
-            (self.met)(&mut field[block]);
+            (self.on_enter)(&mut field[block]);
         }
     }
 }
@@ -77,7 +77,7 @@ pub struct Pages {
     nodes: usize,
     /// First entry of each block's rows (blocks + 1).
     starts: Arc<[u64]>,
-    met: Vec<bool>,
+    entered: Vec<bool>,
     /// Blocks whose values may not be written back yet, in the order of entering.
     unsent: VecDeque<u32>,
     values: Option<Writeback>,
@@ -87,8 +87,8 @@ impl Pages {
     /// The blocks of `graph`. Reads one row start per block.
     pub fn of(graph: Csr<'_>) -> Self {
         let starts = block_starts(graph.starts, SHIFT);
-        let met = vec![false; starts.len() - 1];
-        Self { nodes: graph.len(), starts: starts.into(), met, unsent: VecDeque::new(), values: None }
+        let entered = vec![false; starts.len() - 1];
+        Self { nodes: graph.len(), starts: starts.into(), entered, unsent: VecDeque::new(), values: None }
     }
 
     /// Whether `graph` and `bytes` of values exceed what the kernel can keep in memory.
@@ -121,19 +121,19 @@ impl Pages {
 
     /// Marks all blocks as not entered.
     pub(super) fn restart(&mut self) {
-        self.met.fill(false);
+        self.entered.fill(false);
         self.unsent.clear();
     }
 
     /// Nodes of the blocks that were not entered.
-    pub(super) fn unmet(&self) -> impl Iterator<Item = Range<usize>> + '_ {
-        self.met.iter().enumerate().filter(|(_, met)| !**met).map(|(block, _)| self.block(block))
+    pub(super) fn not_entered(&self) -> impl Iterator<Item = Range<usize>> + '_ {
+        self.entered.iter().enumerate().filter(|(_, entered)| !**entered).map(|(block, _)| self.block(block))
     }
 
     /// Enters the block of `node`; returns its nodes if it was not entered before.
     pub(super) fn enter(&mut self, graph: Csr<'_>, node: u32) -> Option<Range<usize>> {
         let block = (node >> SHIFT) as usize;
-        if std::mem::replace(&mut self.met[block], true) {
+        if std::mem::replace(&mut self.entered[block], true) {
             return None;
         }
         let nodes = self.block(block);
