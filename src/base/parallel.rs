@@ -31,7 +31,7 @@ pub fn chunk_range(n: usize, size: usize, k: usize) -> Range<usize> {
 ///
 /// Nothing here is generic: the code that starts, stops and joins threads is compiled once, not for each of a hundred
 /// loops.
-struct Tickets<'a> {
+struct ChunkQueue<'a> {
     cancel: &'a Cancel,
     chunks: usize,
     next: AtomicUsize,
@@ -40,9 +40,9 @@ struct Tickets<'a> {
     error: Mutex<Option<(usize, Error)>>,
 }
 
-impl<'a> Tickets<'a> {
-    fn new(chunks: usize, cancel: &'a Cancel) -> Tickets<'a> {
-        Tickets {
+impl<'a> ChunkQueue<'a> {
+    fn new(chunks: usize, cancel: &'a Cancel) -> ChunkQueue<'a> {
+        ChunkQueue {
             cancel,
             chunks,
             next: AtomicUsize::new(0),
@@ -77,9 +77,14 @@ impl<'a> Tickets<'a> {
     }
 
     /// Runs `worker` on up to `threads` threads, including the caller's, and returns the first failure.
-    fn serve(threads: usize, cancel: &Cancel, chunks: usize, worker: &(dyn Fn(&Tickets) + Sync)) -> Result<()> {
-        let tickets = Tickets::new(chunks, cancel);
-        let guarded = || catch(|| worker(&tickets)).unwrap_or_else(|error| tickets.fail(0, error));
+    fn run_workers(
+        threads: usize,
+        cancel: &Cancel,
+        chunks: usize,
+        worker: &(dyn Fn(&ChunkQueue) + Sync),
+    ) -> Result<()> {
+        let queue = ChunkQueue::new(chunks, cancel);
+        let guarded = || catch(|| worker(&queue)).unwrap_or_else(|error| queue.fail(0, error));
         std::thread::scope(|scope| {
             for _ in 1..threads.clamp(1, chunks.max(1)) {
                 // If the system refuses a thread, the others do its work; the caller's always runs.
@@ -87,7 +92,7 @@ impl<'a> Tickets<'a> {
             }
             guarded();
         });
-        let error = unlocked(tickets.error);
+        let error = unlocked(queue.error);
         error.map_or(Ok(()), |(_, error)| Err(error))
     }
 }
@@ -168,9 +173,9 @@ pub fn map_chunks<S, R: Send>(
     init: impl Fn() -> S + Sync,
     work: impl Fn(usize, &mut S) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
-    Results::of(threads, cancel, chunks, &|tickets, results| {
+    Results::of(threads, cancel, chunks, &|queue, results| {
         let mut state = init();
-        tickets.each(&mut |k| work(k, &mut state).map(|result| results.put(k, result)));
+        queue.each(&mut |k| work(k, &mut state).map(|result| results.put(k, result)));
     })
 }
 
@@ -180,9 +185,14 @@ struct Results<R>(Mutex<(Vec<usize>, Vec<R>)>);
 
 impl<R: Send> Results<R> {
     /// Collects what the `worker`s return for all chunks, in chunk order.
-    fn of(threads: usize, cancel: &Cancel, chunks: usize, worker: &(dyn Fn(&Tickets, &Self) + Sync)) -> Result<Vec<R>> {
+    fn of(
+        threads: usize,
+        cancel: &Cancel,
+        chunks: usize,
+        worker: &(dyn Fn(&ChunkQueue, &Self) + Sync),
+    ) -> Result<Vec<R>> {
         let results = Self(Mutex::new((Vec::with_capacity(chunks), Vec::with_capacity(chunks))));
-        Tickets::serve(threads, cancel, chunks, &|tickets| worker(tickets, &results))?;
+        ChunkQueue::run_workers(threads, cancel, chunks, &|queue| worker(queue, &results))?;
         let (numbers, mut results) = unlocked(results.0);
         arrange(places(&numbers), &mut |i, j| results.swap(i, j));
         Ok(results)
@@ -229,11 +239,11 @@ pub fn each_chunk<S>(
     work: impl Fn(usize, &mut S) -> Result<()> + Sync,
     finish: impl Fn(S) -> Result<()> + Sync,
 ) -> Result<()> {
-    Tickets::serve(threads, cancel, chunks, &|tickets| {
+    ChunkQueue::run_workers(threads, cancel, chunks, &|queue| {
         let mut state = init();
-        tickets.each(&mut |k| work(k, &mut state));
-        if tickets.failed.load(Ordering::Relaxed) == usize::MAX {
-            finish(state).unwrap_or_else(|error| tickets.fail(chunks, error));
+        queue.each(&mut |k| work(k, &mut state));
+        if queue.failed.load(Ordering::Relaxed) == usize::MAX {
+            finish(state).unwrap_or_else(|error| queue.fail(chunks, error));
         }
     })
 }
@@ -254,9 +264,9 @@ pub fn in_order<S, R: Send>(
     let threads = threads.clamp(1, chunks.max(1));
     let slots: Vec<Mutex<Option<R>>> = (0..(4 * threads).min(chunks)).map(|_| Mutex::new(None)).collect();
     let slot = |k: usize| lock(&slots[k % slots.len()]);
-    let worker = |serve: &mut dyn FnMut(&mut ChunkWork<'_>)| {
+    let worker = |compute: &mut dyn FnMut(&mut ChunkWork<'_>)| {
         let mut state = init();
-        serve(&mut |k| work(k, &mut state).map(|result| *slot(k) = Some(result)));
+        compute(&mut |k| work(k, &mut state).map(|result| *slot(k) = Some(result)));
     };
     ordered(threads, cancel, chunks, &worker, &mut |k| {
         let result = slot(k).take();
@@ -293,9 +303,9 @@ fn ordered(
         return done;
     }
     let window = (4 * threads).min(chunks);
-    let (tickets, jobs) = crossbeam_channel::bounded::<usize>(window);
+    let (numbers, jobs) = crossbeam_channel::bounded::<usize>(window);
     let (done, reports) = crossbeam_channel::bounded::<Report>(window + threads);
-    let serve = |jobs: &Receiver<usize>, done: &Sender<Report>| {
+    let compute = |jobs: &Receiver<usize>, done: &Sender<Report>| {
         worker(&mut |work| {
             let mut report = |k| done.send((k, cancel.check().and_then(|()| work(k))));
             // After an error nobody receives the reports.
@@ -306,9 +316,9 @@ fn ordered(
         let mut refused = None;
         for _ in 0..threads {
             let (jobs, done) = (jobs.clone(), done.clone());
-            let serve = &serve;
+            let compute = &compute;
             let guarded = move || {
-                if let Err(error) = catch(|| serve(&jobs, &done)) {
+                if let Err(error) = catch(|| compute(&jobs, &done)) {
                     drop(done.send((usize::MAX, Err(error))));
                 }
             };
@@ -319,9 +329,9 @@ fn ordered(
         let mut waiting: Vec<Option<Result<()>>> = (0..window).map(|_| None).collect();
         let mut next = 0;
         // Moved in, so that workers see the channel close when this returns, early or not.
-        let (tickets, reports) = (tickets, reports);
+        let (numbers, reports) = (numbers, reports);
         while next < chunks {
-            while issued < chunks.min(next + window) && tickets.send(issued).is_ok() {
+            while issued < chunks.min(next + window) && numbers.send(issued).is_ok() {
                 issued += 1;
             }
             match waiting[next % window].take() {

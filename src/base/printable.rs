@@ -8,28 +8,28 @@
 use std::borrow::Cow;
 
 /// Whether `c` is a control or direction character rather than a visible one.
-fn acts(c: char) -> bool {
+fn is_control(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
 }
 
 /// `text` on one line.
 pub fn line(text: &str) -> Cow<'_, str> {
-    replaced(text, acts)
+    replaced(text, is_control)
 }
 
 /// `text` with its line breaks kept and everything else escaped.
 pub fn lines(text: &str) -> Cow<'_, str> {
-    replaced(text, |c| c != '\n' && acts(c))
+    replaced(text, |c| c != '\n' && is_control(c))
 }
 
-fn replaced(text: &str, acts: impl Fn(char) -> bool) -> Cow<'_, str> {
-    if !text.contains(&acts) {
+fn replaced(text: &str, is_control: impl Fn(char) -> bool) -> Cow<'_, str> {
+    if !text.contains(&is_control) {
         return Cow::Borrowed(text);
     }
     let mut out = String::with_capacity(text.len() + 16);
     for c in text.chars() {
-        match acts(c) {
+        match is_control(c) {
             true => out.extend(c.escape_default()),
             false => out.push(c),
         }

@@ -44,7 +44,7 @@ fn adapted(subcommand: &str, arg: Arg) -> Arg {
     };
     // The help contains no ANSI colours that could be lost.
     match arg.get_help().map(|help| help.ansi().to_string()) {
-        Some(help) if help.contains(KEPT) && !goes_on(subcommand, arg.get_id().as_str()) => {
+        Some(help) if help.contains(KEPT) && !is_taken_from_work_dir(subcommand, arg.get_id().as_str()) => {
             arg.help(help.replace(KEPT, ""))
         }
         _ => arg,
@@ -58,7 +58,7 @@ fn with_replaced_help(arg: Arg, old: &str, new: &str) -> Arg {
 }
 
 /// Whether `option`, if not given to `subcommand`, is taken from the work directory.
-fn goes_on(subcommand: &str, option: &str) -> bool {
+fn is_taken_from_work_dir(subcommand: &str, option: &str) -> bool {
     match subcommand {
         "cluster" => true,
         "rows" | "share" => ["order", "seed"].contains(&option),

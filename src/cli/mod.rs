@@ -108,7 +108,7 @@ enum Command {
 
 impl Command {
     /// How to continue after an interrupt, if that is possible.
-    fn goes_on(&self) -> Option<String> {
+    fn how_to_continue(&self) -> Option<String> {
         let dir = match self {
             Self::Segment(args) if args.work_dir.is_none() => {
                 let rest = "the same command goes on with the rest";
@@ -121,17 +121,17 @@ impl Command {
             Self::Share(args) => Some(&args.rows.place.work_dir),
             Self::Sequence(args) => args.work_dir.as_ref(),
             Self::Correspond(args) => args.work_dir.as_ref(),
-            Self::Merge(args) => return Some(goes_on(args.place.path())),
+            Self::Merge(args) => return Some(continue_from(args.place.path())),
             Self::Embed(args) => Some(&args.place.work_dir),
             Self::Cluster(args) => Some(&args.place.work_dir),
             Self::Export(args) => Some(&args.place.work_dir),
             _ => None,
         };
-        dir.map(|dir| goes_on(dir))
+        dir.map(|dir| continue_from(dir))
     }
 }
 
-fn goes_on(dir: &std::path::Path) -> String {
+fn continue_from(dir: &std::path::Path) -> String {
     format!("the same command goes on from {}", dir.display())
 }
 
@@ -187,8 +187,8 @@ pub fn main(peak: fn() -> u64) -> End {
         }
     };
     let app = AppContext { cancel: Cancel::default(), peak };
-    let heard = signals::cancel_on(app.cancel.clone());
-    let goes_on = cli.command.goes_on();
+    let received = signals::cancel_on(app.cancel.clone());
+    let how_to_continue = cli.command.how_to_continue();
     let result = catch(|| dispatch(cli.command, &app)).unwrap_or_else(|error| Err(error.into()));
     let (code, text) = match &result {
         Ok(()) => (0, None),
@@ -196,13 +196,13 @@ pub fn main(peak: fn() -> u64) -> End {
         // The reader of standard output has closed it: nothing to report.
         Err(CliError::Failed(Error::Io { source, .. })) if source.kind() == ErrorKind::BrokenPipe => (1, None),
         Err(CliError::Failed(Error::Cancelled)) => {
-            let how = goes_on.map_or(String::new(), |how| format!("; {how}"));
+            let how = how_to_continue.map_or(String::new(), |how| format!("; {how}"));
             (1, Some(format!("interrupted{how}")))
         }
         Err(CliError::Failed(error)) => (1, Some(errors::message(error))),
         Err(CliError::Usage(text)) => (2, Some(text.clone())),
     };
-    let end = heard.ending(code == 0).map_or(End::Code(code), End::Signal);
+    let end = received.exit_signal(code == 0).map_or(End::Code(code), End::Signal);
     if let Some(text) = text {
         let file = if let Err(CliError::Failed(error)) = &result { errors::file_of(error) } else { None };
         progress::tell_error(style, &text, file, end.facts());

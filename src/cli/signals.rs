@@ -13,12 +13,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
 
 /// The signal that requested the end of the run.
-pub struct Heard(Arc<AtomicI32>);
+pub struct ReceivedSignal(Arc<AtomicI32>);
 
-impl Heard {
+impl ReceivedSignal {
     /// The signal that ends the program after a run that was `done` or not. A finished run has its own exit code, but
     /// Ctrl-C is also meant for the shell's loop.
-    pub fn ending(&self, done: bool) -> Option<i32> {
+    pub fn exit_signal(&self, done: bool) -> Option<i32> {
         match self.0.load(Ordering::SeqCst) {
             0 => None,
             signal if done && signal != SIGINT => None,
@@ -28,12 +28,12 @@ impl Heard {
 }
 
 /// Cancels `run` on a signal, in a separate thread.
-pub fn cancel_on(run: Cancel) -> Heard {
+pub fn cancel_on(run: Cancel) -> ReceivedSignal {
     let first = Arc::new(AtomicI32::new(0));
-    let heard = Heard(first.clone());
+    let received = ReceivedSignal(first.clone());
     let ignored = ignored();
     let handled = [SIGHUP, SIGINT, SIGTERM].into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0);
-    let Ok(mut signals) = Signals::new(handled) else { return heard };
+    let Ok(mut signals) = Signals::new(handled) else { return received };
     // If the system refuses a thread, the workers will report that too.
     let _ = std::thread::Builder::new().spawn(move || {
         for signal in signals.forever() {
@@ -44,7 +44,7 @@ pub fn cancel_on(run: Cancel) -> Heard {
             run.cancel();
         }
     });
-    heard
+    received
 }
 
 /// Ends the program as `signal` does by default.

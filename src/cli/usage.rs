@@ -27,7 +27,7 @@ pub fn line(error: &Error, command: &Command) -> Option<String> {
     }
     let subcommand = given().nth(1).and_then(|word| command.find_subcommand(word));
     let name = subcommand.map_or(String::new(), |subcommand| format!("{} ", subcommand.get_name()));
-    let text = lonely(error, subcommand).or_else(|| message(error)).unwrap_or_else(|| rendered(error));
+    let text = without_its_companion(error, subcommand).or_else(|| message(error)).unwrap_or_else(|| rendered(error));
     Some(format!("{text}; see nystrom-stream {name}--help"))
 }
 
@@ -43,7 +43,7 @@ pub fn asks_for_events() -> bool {
 }
 
 /// The option given without the one that it requires; `None` if everything missing is required in any case.
-fn lonely(error: &Error, subcommand: Option<&Command>) -> Option<String> {
+fn without_its_companion(error: &Error, subcommand: Option<&Command>) -> Option<String> {
     if error.kind() != Kind::MissingRequiredArgument {
         return None;
     }

@@ -85,7 +85,7 @@ impl Metric {
 /// to the bit.
 #[inline]
 pub fn concave(a: &Node, b: &Node) -> bool {
-    Side::of(a).leans_to(Side::of(b))
+    Side::of(a).is_concave_towards(Side::of(b))
 }
 
 /// One of the two faces at an edge. Holds references, since node data are read in place ([`super::node_geometry`]).
@@ -113,7 +113,7 @@ impl<'a> Side<'a> {
 
     /// [`concave`].
     #[inline(always)]
-    fn leans_to(self, other: Self) -> bool {
+    fn is_concave_towards(self, other: Self) -> bool {
         let mut dot = 0f32;
         for axis in 0..3 {
             dot += (self.normal[axis] - other.normal[axis]) * (other.centroid[axis] - self.centroid[axis]);
@@ -135,7 +135,8 @@ struct Scale {
 #[inline(always)]
 fn turning(a: Side<'_>, b: Side<'_>, eta: f32, opposite_winding: bool) -> f32 {
     // Branch-free: which edges are concave is practically random.
-    let turning = 0.5 * chord2(*a.normal, *b.normal) * if opposite_winding | a.leans_to(b) { 1. } else { eta };
+    let turning =
+        0.5 * chord2(*a.normal, *b.normal) * if opposite_winding | a.is_concave_towards(b) { 1. } else { eta };
     if (a.area > 0.) & (b.area > 0.) { turning } else { 0. }
 }
 
@@ -168,7 +169,7 @@ impl Weighting<'_> {
         match self.metric {
             Metric::Geodesic => self.fill(out, run, |_, _, length, _| length * unit),
             Metric::ScaleFree { eta, .. } => self.fill(out, run, |a, b, length, opposite_winding| {
-                let turn = if opposite_winding | a.leans_to(b) { 1. } else { eta };
+                let turn = if opposite_winding | a.is_concave_towards(b) { 1. } else { eta };
                 length * unit + angle * between(*a.normal, *b.normal) * turn
             }),
             Metric::Paper { eta, .. } => self.fill(out, run, |a, b, length, opposite_winding| {

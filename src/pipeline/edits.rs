@@ -334,7 +334,7 @@ fn hinted(
     if hints.groups.is_empty() {
         return Ok(label.to_vec());
     }
-    let new = match affinities.follow(&hints, label) {
+    let new = match affinities.satisfy(&hints, label) {
         Ok((new, _)) => new,
         Err(Conflict::Joined([a, b])) => {
             let number = of_edit[a].max(of_edit[b]).unwrap_or(0);

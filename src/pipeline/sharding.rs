@@ -147,7 +147,7 @@ impl SharedWork<'_> {
     /// The same for boundaries.
     fn boundaries(&self, work: &WorkDir, run: &Run) -> Option<BoundaryFacts> {
         let key = self.key(run);
-        work.reuse(key.name, key.version, &key.key).ok().filter(|facts: &BoundaryFacts| facts.stand(work, run))
+        work.reuse(key.name, key.version, &key.key).ok().filter(|facts: &BoundaryFacts| facts.is_current(work, run))
     }
 
     /// Whether everything that the shares need exists.

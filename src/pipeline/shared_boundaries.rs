@@ -107,7 +107,7 @@ impl BoundaryFacts {
 
     /// Whether the graph is unchanged, and for bands its contraction: a run with other options may have made another
     /// contraction, and a later one with these options only the weights.
-    pub fn stand(&self, work: &WorkDir, run: &Run) -> bool {
+    pub fn is_current(&self, work: &WorkDir, run: &Run) -> bool {
         let contracted = || {
             let manifest = work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")).ok();
             let kept = manifest.and_then(|mut manifest| manifest.stages.remove(Contraction::NAME));
@@ -179,12 +179,12 @@ mod tests {
         let keys = ["graph".to_string(), "weights".to_string()];
         let depths = BoundaryFacts { keys, sources: [1, 0], ..BoundaryFacts::default() };
         let bands = BoundaryFacts { sources: [1, 1], keys: depths.keys.clone(), ..BoundaryFacts::default() };
-        let stand = || [&depths, &bands].map(|facts| facts.stand(&work, &run));
-        assert_eq!(stand(), [true, false]);
+        let current = || [&depths, &bands].map(|facts| facts.is_current(&work, &run));
+        assert_eq!(current(), [true, false]);
         for (weights, same) in [("others", false), ("weights", true)] {
             let inner = work.inner(CONTRACTED).unwrap();
             record(&inner, Contraction::NAME, Contraction::VERSION, &contract::key(weights, run.seed));
-            assert_eq!(stand(), [true, same]);
+            assert_eq!(current(), [true, same]);
         }
     }
 }

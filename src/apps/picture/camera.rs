@@ -49,7 +49,7 @@ impl Extent {
 
     /// Grows to contain `p`.
     #[inline]
-    pub(super) fn hold(&mut self, p: Vec3) {
+    pub(super) fn include(&mut self, p: Vec3) {
         for k in 0..3 {
             self.low[k] = self.low[k].min(p[k]);
             self.high[k] = self.high[k].max(p[k]);
@@ -58,8 +58,8 @@ impl Extent {
 
     /// Grows to contain `other`.
     pub(super) fn join(&mut self, other: &Self) {
-        self.hold(other.low);
-        self.hold(other.high);
+        self.include(other.low);
+        self.include(other.high);
     }
 
     /// Length along axis `k`, 0 if empty.

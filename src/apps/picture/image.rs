@@ -40,7 +40,7 @@ impl Image {
     }
 
     /// Composites pixels (in rows of `width`) over the picture with their first at (`x`, `y`).
-    pub(super) fn lay(&mut self, x: usize, y: usize, width: usize, pixels: &[Pixel]) {
+    pub(super) fn composite(&mut self, x: usize, y: usize, width: usize, pixels: &[Pixel]) {
         for (j, row) in pixels.chunks(width.max(1)).enumerate() {
             for (i, pixel) in row.iter().enumerate() {
                 self.blend(x + i, y + j, *pixel);

@@ -106,7 +106,7 @@ pub fn render_named(
         let scene = sheet::Scene { mesh, labels, vertex_normals: vertex_normals.as_ref(), tints };
         let pixels = sheet.view(&scene, frame, extent, params, run)?;
         let (x, y) = sheet.place(view);
-        image.lay(x, y, sheet.cell.0, &pixels);
+        image.composite(x, y, sheet.cell.0, &pixels);
     }
     if let Some(legend) = legend {
         legend.draw(&mut image);

@@ -185,7 +185,7 @@ pub(super) fn extents(mesh: &Mesh, frames: &[super::camera::Frame], run: &Run) -
         let mut found = vec![Extent::EMPTY; frames.len()];
         each_triangle(mesh, chunk_range(n, CHUNK, k), |_, _, at| {
             for (frame, extent) in frames.iter().zip(&mut found) {
-                at.iter().for_each(|&p| extent.hold(frame.of(p)));
+                at.iter().for_each(|&p| extent.include(frame.of(p)));
             }
         });
         Ok(found)

@@ -111,7 +111,7 @@ const GRID: usize = 24;
 /// The upward direction.
 pub(super) fn upright(pieces: &[Piece]) -> Vec3 {
     let mut extent = Extent::EMPTY;
-    pieces.iter().for_each(|piece| extent.hold(piece.middle));
+    pieces.iter().for_each(|piece| extent.include(piece.middle));
     let symmetry = [0, 1, 2].map(|axis| symmetry(pieces, &extent, axis));
     let mut best = ([0.0, 1.0, 0.0], f64::NEG_INFINITY);
     for (axis, sign, custom) in
@@ -139,7 +139,7 @@ fn standing(pieces: &[Piece], extent: &Extent, axis: usize, sign: f64) -> (f64, 
     for piece in pieces {
         let above = (piece.middle[axis] - bottom) * sign / height;
         if above < 0.06 {
-            foot.hold(piece.middle);
+            foot.include(piece.middle);
             if above < 0.02 && piece.normal[axis].abs() > 0.9 {
                 flat += piece.area;
             }
@@ -247,8 +247,8 @@ fn look(pieces: &[Piece], parts: usize, frame: &Frame) -> Seen {
     let mut extent = Extent::EMPTY;
     let mut size = Extent::EMPTY;
     for piece in pieces {
-        extent.hold(frame.of(piece.middle));
-        size.hold(piece.middle);
+        extent.include(frame.of(piece.middle));
+        size.include(piece.middle);
     }
     let scale = 0.94 * SMALL as f64 / size.diagonal().max(f64::MIN_POSITIVE);
     let camera = Camera::fit(*frame, &extent, scale, SMALL, SMALL);

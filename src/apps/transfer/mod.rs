@@ -175,7 +175,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
         for i in 0..own.len() {
             let face = k * CHUNK + i;
             let found = &found[face * points..(face + 1) * points];
-            (own[i], quality[i]) = elect(found, labels, fine, fine.max(coarse));
+            (own[i], quality[i]) = majority_label(found, labels, fine, fine.max(coarse));
         }
         Ok(())
     };
@@ -202,7 +202,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
 
 /// The label of a face given the results of its points, and its confidence; `slack` and `edge` are edge lengths of the
 /// first mesh and of the coarser one.
-fn elect(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32) {
+fn majority_label(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (u32, f32) {
     let mut votes = [(UNLABELLED, 0f32, 0f32); 4];
     for (found, vote) in found.iter().zip(&mut votes) {
         let Some((nearest, any)) = unpack(found[0]) else { continue };

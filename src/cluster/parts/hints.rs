@@ -115,7 +115,7 @@ impl Affinities<'_> {
             let k = place[cell as usize] as usize;
             (class[k], seeded[k]) = (own, true);
         }
-        self.tidy(&members, &pairs, &edges, &seeded, &mut class);
+        self.reassign_small_pieces(&members, &pairs, &edges, &seeded, &mut class);
         members.into_iter().zip(class).collect()
     }
 
@@ -126,7 +126,14 @@ impl Affinities<'_> {
     }
 
     /// Reassigns small pieces of a class without a seed to the class that shares the longest boundary with them.
-    fn tidy(&self, members: &[u32], pairs: &[[u32; 2]], edges: &[usize], seeded: &[bool], class: &mut [u32]) {
+    fn reassign_small_pieces(
+        &self,
+        members: &[u32],
+        pairs: &[[u32; 2]],
+        edges: &[usize],
+        seeded: &[bool],
+        class: &mut [u32],
+    ) {
         let (piece, count) = connected_pieces(pairs, class);
         let total = self.cells.total_area();
         let shares: Vec<f64> = members.iter().map(|&cell| self.cells.area[cell as usize] / total).collect();
@@ -157,7 +164,7 @@ impl Affinities<'_> {
     ///
     /// # Errors
     /// Hints that contradict each other.
-    pub fn follow(&self, hints: &Hints, label: &[u32]) -> Result<(Vec<u32>, usize), Conflict> {
+    pub fn satisfy(&self, hints: &Hints, label: &[u32]) -> Result<(Vec<u32>, usize), Conflict> {
         let groups = hints.groups.len();
         // Groups with a common cell are merged.
         let mut sets = Forest::new(groups);
@@ -255,21 +262,21 @@ mod tests {
         (cells, superfaces, Square::from_values(4, c))
     }
 
-    fn follow(hints: &Hints, label: &[u32]) -> Result<(Vec<u32>, usize), Conflict> {
+    fn satisfy(hints: &Hints, label: &[u32]) -> Result<(Vec<u32>, usize), Conflict> {
         let (cells, superfaces, c) = strip();
         Affinities { cells: &cells, superfaces: &superfaces, co_association: &c, small_part: 0.003 }
-            .follow(hints, label)
+            .satisfy(hints, label)
     }
 
     #[test]
     fn one_hint_moves_one_cut() {
         let label = [0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2];
         let apart = Hints { groups: vec![vec![0], vec![5]], apart: vec![vec![0, 1]] };
-        assert_eq!(follow(&apart, &label).unwrap(), (vec![0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3], 4));
+        assert_eq!(satisfy(&apart, &label).unwrap(), (vec![0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3], 4));
         let together = Hints { groups: vec![vec![7, 11]], apart: vec![] };
-        assert_eq!(follow(&together, &label).unwrap(), (vec![0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1], 2));
+        assert_eq!(satisfy(&together, &label).unwrap(), (vec![0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1], 2));
         let none = Hints { groups: vec![vec![0], vec![7]], apart: vec![vec![0, 1]] };
-        assert_eq!(follow(&none, &label).unwrap().0, label, "a hint that holds already changes nothing");
+        assert_eq!(satisfy(&none, &label).unwrap().0, label, "a hint that holds already changes nothing");
     }
 
     #[test]
@@ -277,7 +284,7 @@ mod tests {
         let label = [0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2];
         // 4 belongs with 7, not with 1.
         let hints = Hints { groups: vec![vec![4, 7], vec![1]], apart: vec![vec![0, 1]] };
-        assert_eq!(follow(&hints, &label).unwrap(), (vec![0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2], 3));
+        assert_eq!(satisfy(&hints, &label).unwrap(), (vec![0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2], 3));
     }
 
     #[test]
@@ -285,7 +292,7 @@ mod tests {
         // 0 and 3 belong together, 5 and 7 too, 0 and 7 apart: the first part has to be divided.
         let label = [0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2];
         let hints = Hints { groups: vec![vec![0, 2], vec![5, 7], vec![6]], apart: vec![vec![0, 2]] };
-        let (found, _) = follow(&hints, &label).unwrap();
+        let (found, _) = satisfy(&hints, &label).unwrap();
         assert_ne!(found[0], found[6]);
         assert_eq!((found[5], found[0]), (found[7], found[2]));
     }
@@ -293,7 +300,7 @@ mod tests {
     #[test]
     fn contradictions_are_told() {
         let hints = Hints { groups: vec![vec![0, 5], vec![5], vec![9]], apart: vec![vec![2, 0], vec![0, 1]] };
-        assert_eq!(follow(&hints, &[0; 12]), Err(Conflict::Joined([0, 1])));
+        assert_eq!(satisfy(&hints, &[0; 12]), Err(Conflict::Joined([0, 1])));
     }
 
     #[test]
@@ -310,7 +317,7 @@ mod tests {
             let apart: Vec<Vec<usize>> =
                 (0..3).map(|_| (0..4).filter(|_| below(&mut random, 2) == 0).collect()).collect();
             let hints = Hints { groups, apart };
-            let (found, parts) = follow(&hints, &label).unwrap();
+            let (found, parts) = satisfy(&hints, &label).unwrap();
             assert_eq!(found.iter().max().map(|top| *top as usize + 1), Some(parts));
             for group in &hints.groups {
                 assert!(group.iter().all(|&c| found[c as usize] == found[group[0] as usize]), "{seed} {hints:?}");

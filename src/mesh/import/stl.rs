@@ -13,14 +13,15 @@ const FRONT: usize = 84;
 const RECORD: usize = 50;
 
 /// The number of triangles stated in a binary file.
-fn promised(bytes: &[u8]) -> Option<u64> {
+fn declared_triangles(bytes: &[u8]) -> Option<u64> {
     let count = bytes.get(80..FRONT)?.first_chunk::<4>()?;
     Some(u64::from(u32::from_le_bytes(*count)))
 }
 
 /// Whether the length of `bytes` agrees with the count in a binary header.
 pub(super) fn has_binary_size(bytes: &[u8]) -> bool {
-    promised(bytes).is_some_and(|count| count > 0 && FRONT as u64 + RECORD as u64 * count == bytes.len() as u64)
+    declared_triangles(bytes)
+        .is_some_and(|count| count > 0 && FRONT as u64 + RECORD as u64 * count == bytes.len() as u64)
 }
 
 /// Whether `bytes` are STL text.
@@ -40,7 +41,7 @@ pub(super) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
 
 fn triangles_of_binary(path: &Path, bytes: &[u8]) -> Result<u64> {
     let short = |problem: String| Error::malformed(path, "byte 80", problem, CUT_SHORT);
-    let count = promised(bytes)
+    let count = declared_triangles(bytes)
         .ok_or_else(|| short(format!("the number of triangles is missing, the file has {} bytes", bytes.len())))?;
     let size = FRONT as u64 + RECORD as u64 * count;
     if size > bytes.len() as u64 {
