@@ -9,7 +9,7 @@ use nystrom_stream::base::Result;
 use nystrom_stream::mesh::size_of_mesh;
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::pipeline::calibrate::calibrate;
-use nystrom_stream::pipeline::plan::{Pace, Plan, order_is_open};
+use nystrom_stream::pipeline::plan::{Plan, StageTime, order_is_open};
 use nystrom_stream::store::disk_speed::DiskSpeed;
 use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::{Budget, Context, Run};
@@ -88,8 +88,8 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     // A work directory may not exist yet; its disk is that of the nearest existing folder above it.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
     let measured = calibrate(&params, plan.landmarks, size.faces, &folder, &run)?;
-    let pace = |of: &BTreeMap<String, Pace>, stage: &str| of.get(stage).copied().unwrap_or_default();
-    let mut plan = plan.with_times(|stage| pace(&measured.smooth, stage), |stage| pace(&measured.rough, stage));
+    let time_of = |of: &BTreeMap<String, StageTime>, stage: &str| of.get(stage).copied().unwrap_or_default();
+    let mut plan = plan.with_times(|stage| time_of(&measured.smooth, stage), |stage| time_of(&measured.rough, stage));
     if let Some(cache) = page_cache(&plan).filter(|&cache| plan.random_access_bytes > cache) {
         plan = plan.with_waits(DiskSpeed::measure(&folder)?, cache);
     }

@@ -266,7 +266,7 @@ fn shared(step: ShareStep, args: &RowsArgs, mut params: SegmentParams, app: &App
             // If there is none, this returns the error.
             let record = Record::read(&WorkDir::open_existing(folder)?)?;
             if spooled || !record.mesh.exists() {
-                (there(None, &record, folder)?, record.identity)
+                (mesh_path(None, &record, folder)?, record.identity)
             } else {
                 (record.mesh.clone(), input::recorded_or_content(&record.mesh, Some(&record))?)
             }
@@ -460,7 +460,7 @@ fn open_mesh(
     work: &WorkDir,
     context: Context<'_>,
 ) -> Result<Mesh, Error> {
-    let path = there(moved, record, work.path())?;
+    let path = mesh_path(moved, record, work.path())?;
     let opened = open_file(&path, context.work.path(), context.run)?;
     if faces.is_some_and(|faces| opened.faces.len() != faces) {
         return Err(Error::unusable(&path, "has another number of faces than labels", "name the right mesh"));
@@ -471,13 +471,13 @@ fn open_mesh(
 /// Rejects a mesh that is given, or is at the path in `record`, but has changed, even if only labels are needed.
 fn check_mesh(named: Option<&Path>, record: &Record, folder: &Path) -> Result<(), Error> {
     if named.is_some() || !record.is_spooled() && record.mesh.exists() {
-        there(named, record, folder)?;
+        mesh_path(named, record, folder)?;
     }
     Ok(())
 }
 
 /// The location of the mesh of the work directory in `folder`: `moved` if given, else the path in `record`.
-fn there(moved: Option<&Path>, record: &Record, folder: &Path) -> Result<PathBuf, Error> {
+fn mesh_path(moved: Option<&Path>, record: &Record, folder: &Path) -> Result<PathBuf, Error> {
     let path = moved.map_or_else(|| record.path(folder), Path::to_path_buf);
     if moved.is_none() && !path.exists() {
         let remedy = format!("give its new path before --work-dir {}", folder.display());

@@ -15,7 +15,7 @@
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::random::{stratified, stream, unit};
-use crate::graph::components::Several;
+use crate::graph::components::ComponentTable;
 use crate::graph::{DualGraph, Node, NodeGeometry};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, Run};
@@ -137,7 +137,7 @@ impl AreaShares {
 /// Which components are tiny, if there are several.
 struct TinyComponents<'a> {
     root: &'a [u32],
-    several: Several,
+    table: ComponentTable,
     /// 1 for each tiny component.
     tiny: ArrayMut<u8>,
     /// Nodes in tiny components.
@@ -149,27 +149,27 @@ struct TinyComponents<'a> {
 impl<'a> TinyComponents<'a> {
     fn of(graph: &'a DualGraph, context: Context<'_>) -> Result<Option<Self>> {
         let Some(root) = &graph.components else { return Ok(None) };
-        let Some(several) = Several::of(root, &graph.nodes, context)? else { return Ok(None) };
-        let (order, area) = (several.by_size(context)?, several.area());
+        let Some(table) = ComponentTable::of(root, &graph.nodes, context)? else { return Ok(None) };
+        let (order, area) = (table.by_size(context)?, table.area());
         let area_of = |number: u32| area[number as usize];
         let least = (TINY * graph.facts.area).min(BESIDE_LARGEST * area_of(order.items()[0]));
-        let mut tiny: ArrayMut<u8> = context.work.array("tiny_components.tmp", &[several.count()])?;
+        let mut tiny: ArrayMut<u8> = context.work.array("tiny_components.tmp", &[table.count()])?;
         let (mut rest, mut nodes) = (0., 0);
         for (rank, &number) in order.items().iter().enumerate() {
             if rank > 0 && area_of(number) < least {
                 tiny.data()[number as usize] = 1;
-                nodes += u64::from(several.nodes()[number as usize]);
+                nodes += u64::from(table.nodes()[number as usize]);
             } else {
                 rest += area_of(number);
             }
         }
-        Ok(Some(Self { root, several, tiny, nodes, rest }))
+        Ok(Some(Self { root, table, tiny, nodes, rest }))
     }
 
     /// Whether `node` is in a tiny component; `near` is the component number of an earlier node.
     #[inline]
     fn has(&self, node: usize, near: &mut usize) -> bool {
-        *near = self.several.number(self.root[node], *near);
+        *near = self.table.number(self.root[node], *near);
         self.tiny.items()[*near] != 0
     }
 }
@@ -320,7 +320,7 @@ pub fn surface_sums(
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn narrowed(class: &[u32], name: &str, context: Context<'_>) -> Result<MappedSlice<u16>> {
+pub fn as_u16(class: &[u32], name: &str, context: Context<'_>) -> Result<MappedSlice<u16>> {
     let mut array = context.work.array::<u16>(name, &[class.len()])?;
     context.run.fill_each(array.data(), CHUNK, |i, _| u16::try_from(class[i]).unwrap_or(u16::MAX))?;
     array.finish(false)

@@ -137,7 +137,7 @@ impl BandArrays {
                 }
                 edges[at] = match band.binary_search(&other) {
                     Ok(position) => BandEdge::inside(position as u32, length.abs()),
-                    Err(_) => BandEdge::leaving(labels[other as usize], length.abs()),
+                    Err(_) => BandEdge::to_fixed(labels[other as usize], length.abs()),
                 };
             }
             Ok(())
@@ -194,7 +194,7 @@ impl BandEdge {
     }
 
     /// An edge to a fixed node of this label.
-    pub fn leaving(label: u32, weight: f32) -> Self {
+    pub fn to_fixed(label: u32, weight: f32) -> Self {
         Self { to: label, weight }
     }
 

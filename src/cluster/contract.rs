@@ -10,7 +10,7 @@
 //! direction is perpendicular to the line between its faces. Cost: one front, 8 bytes per face of which 2 are kept, one
 //! pass over the graph.
 
-use super::area_shares::{AreaShares, SurfaceSum, narrowed, spread_seeds, surface_sums};
+use super::area_shares::{AreaShares, SurfaceSum, as_u16, spread_seeds, surface_sums};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{cross, length as norm, minus, wide};
@@ -141,7 +141,7 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
     let (nodes, areas) = (interiors(&sums, shares), sums.iter().map(|sum| sum.area).collect::<Vec<f64>>());
     let borders = borders(graph, fine.csr(), owner.data(), field.data(), run)?;
     drop(field);
-    let of_node = narrowed(owner.data(), OF_FACE, context)?;
+    let of_node = as_u16(owner.data(), OF_FACE, context)?;
     drop(owner);
     [OWNER, FIELD].iter().for_each(|name| work.remove(&format!("{name}.partial")));
     let (graph, weighted) = assemble(graph, nodes, &borders, key.to_string(), work)?;
@@ -191,7 +191,7 @@ fn interiors(sums: &[SurfaceSum], shares: &AreaShares) -> Vec<Node> {
     sums.iter().map(node).collect()
 }
 
-/// Two nodes in one number, the smaller in its upper half: there are fewer than 2¹⁶ nodes ([`narrowed`]).
+/// Two nodes in one number, the smaller in its upper half: there are fewer than 2¹⁶ nodes ([`as_u16`]).
 type Pair = u32;
 
 /// The nodes of a pair, the smaller first.

@@ -274,7 +274,7 @@ mod tests {
             let mut step = |other: Option<usize>, fixed: Option<u32>| match (other, fixed) {
                 (Some(j), _) => edges.push(BandEdge::inside(j as u32, weight(i, j))),
                 (None, Some(label)) => {
-                    edges.push(BandEdge::leaving(label, weight(i, w * h + i + label as usize)));
+                    edges.push(BandEdge::to_fixed(label, weight(i, w * h + i + label as usize)));
                 }
                 _ => {}
             };

@@ -229,7 +229,7 @@ impl DistanceRows {
     }
 
     /// The finished rows of `work`, if there are any, whatever their options.
-    pub(super) fn whole(work: &WorkDir) -> Option<Self> {
+    pub(super) fn finished(work: &WorkDir) -> Option<Self> {
         let kept = work.finished_stage::<RowsStage<'_>>("").ok()?;
         let distances: MappedSlice<f32> = work.open_array(ROWS).ok()?;
         let nodes = distances.len().checked_div(kept.facts.rows.len())?;

@@ -87,7 +87,7 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     let shards = match find(context.work) {
         Ok(shards) => shards,
         Err(error) => {
-            let merged = if any(context.work)? { None } else { DistanceRows::whole(context.work) };
+            let merged = if any(context.work)? { None } else { DistanceRows::finished(context.work) };
             if merged.is_some() {
                 context.run.progress.note_of_work("merge: done already");
             }

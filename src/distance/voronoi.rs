@@ -57,11 +57,11 @@ pub fn is_by_blocks(graph: Csr<'_>, run: &Run) -> bool {
 
 /// Whether there are at least `many` blocks, several threads, and at most `few` of [`SAMPLE`] edges that leave a block.
 fn are_shared(graph: Csr<'_>, many: usize, few: usize, run: &Run) -> bool {
-    run.threads > 1 && graph.len() >= many * PIECE_NODES && leaving(graph) <= few
+    run.threads > 1 && graph.len() >= many * PIECE_NODES && edges_between_blocks(graph) <= few
 }
 
 /// How many of [`SAMPLE`] evenly spread edges lead from one block to another.
-fn leaving(graph: Csr<'_>) -> usize {
+fn edges_between_blocks(graph: Csr<'_>) -> usize {
     let nodes = (0..SAMPLE / 3).map(|k| (k as u64 * graph.len() as u64 / (SAMPLE as u64 / 3)) as u32);
     nodes
         .map(|node| {

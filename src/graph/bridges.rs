@@ -11,7 +11,7 @@
 //! bytes per component, and 26 per sample, of which a component has up to [`PER_COMPONENT`] + 1, or more if it is
 //! large; 1 to 2 µs per component and thread.
 
-use super::components::{Components, Several};
+use super::components::{ComponentTable, Components};
 use super::dual_edges::{DualEdges, EdgesWriter, Entry};
 use super::node_geometry::NodeGeometry;
 use super::ranked_tree::{RankedPoint, RankedTree};
@@ -51,16 +51,16 @@ pub fn find_bridges(
     least: f32,
     context: Context<'_>,
 ) -> Result<Option<ArrayMut<Bridge>>> {
-    let Some(several) = &components.several else { return Ok(None) };
-    let (run, count) = (context.run, several.count());
-    let order = several.by_size(context)?;
+    let Some(table) = &components.table else { return Ok(None) };
+    let (run, count) = (context.run, table.count());
+    let order = table.by_size(context)?;
     let mut rank: ArrayMut<u32> = context.work.array("component_rank.tmp", &[count])?;
     for (place, &number) in order.items().iter().enumerate() {
         rank.data()[number as usize] = place as u32;
     }
     let (largest, rank) = (order.items()[0] as usize, rank.items());
     drop(order);
-    let samples = Samples::of(&components.root, several, context)?;
+    let samples = Samples::of(&components.root, table, context)?;
     let tree = RankedTree::new(samples.points(nodes, rank, context)?, context)?;
     let mut bridges: ArrayMut<Bridge> = context.work.array("bridges.tmp", &[count - 1])?;
     let join = |k: usize, out: &mut [Bridge], (): &mut ()| {
@@ -93,11 +93,11 @@ struct Samples {
 
 impl Samples {
     /// Samples the components given by `root` ([`Components::root`]).
-    fn of(root: &[u32], several: &Several, context: Context<'_>) -> Result<Self> {
+    fn of(root: &[u32], table: &ComponentTable, context: Context<'_>) -> Result<Self> {
         let stride = (root.len() as u64).div_ceil(SAMPLES).max(1);
         // Small components keep up to PER_COMPONENT faces, so that tiny ones are placed exactly.
         let step = |nodes: u32| stride.min(u64::from(nodes).div_ceil(PER_COMPONENT)).max(1) as u32;
-        let sizes = several.nodes();
+        let sizes = table.nodes();
         let mut starts: ArrayMut<u32> = context.work.array("sample_starts.tmp", &[sizes.len() + 1])?;
         let mut end = 0;
         for (start, &size) in starts.data()[1..].iter_mut().zip(sizes) {
@@ -112,7 +112,7 @@ impl Samples {
             if node % (1 << 20) == 0 {
                 context.run.cancel.check()?;
             }
-            number = several.number(link, number);
+            number = table.number(link, number);
             let (before, step) = (seen[number], step(sizes[number]));
             if before.is_multiple_of(step) {
                 samples[(starts_of[number] + before / step) as usize] = node as u32;
@@ -269,8 +269,8 @@ mod tests {
             let run = Run { threads, ..Run::new(&()) };
             let context = Context::new(&work, &run);
             let geometry = NodeGeometry::from(work.write("nodes.npy", &nodes, 7).unwrap());
-            let several = Several::of(&root, &geometry, context).unwrap();
-            let components = Components { root: root.clone().into(), mixed: false, several };
+            let table = ComponentTable::of(&root, &geometry, context).unwrap();
+            let components = Components { root: root.clone().into(), mixed: false, table };
             let bridges = find_bridges(&components, &geometry, 0., context).unwrap();
             let bridges = bridges.as_ref().map_or(&[][..], ArrayMut::items);
             assert_eq!((components.count(), bridges.len(), expected.len()), (count, count - 1, count - 1));

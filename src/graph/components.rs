@@ -37,32 +37,32 @@ pub struct Components {
     /// Whether any edge joins faces of contradicting winding.
     pub mixed: bool,
     /// Size and area of each, where there are several.
-    pub several: Option<Several>,
+    pub table: Option<ComponentTable>,
 }
 
 impl Components {
     /// How many there are.
     pub fn count(&self) -> usize {
-        self.several.as_ref().map_or(1, Several::count)
+        self.table.as_ref().map_or(1, ComponentTable::count)
     }
 
     /// The number of the component with the root `link`; `near` is a guess to try first.
     #[inline]
     pub fn number(&self, link: u32, near: usize) -> usize {
-        self.several.as_ref().map_or(0, |several| several.number(link, near))
+        self.table.as_ref().map_or(0, |table| table.number(link, near))
     }
 }
 
 /// Two components or more (c), numbered by their first nodes.
 #[derive(Debug)]
-pub struct Several {
+pub struct ComponentTable {
     /// First nodes, ascending.
     first: ArrayMut<u32>,
     nodes: ArrayMut<u32>,
     area: ArrayMut<f64>,
 }
 
-impl Several {
+impl ComponentTable {
     /// The components of `nodes` given by `root` ([`Components::root`]); `None` if there are fewer than two.
     ///
     /// # Errors
@@ -165,8 +165,8 @@ pub fn find_components(edges: &DualEdges, nodes: &NodeGeometry, context: Context
     let side_by_side = !edges.mixed && find_roots(edges.by_distance(), array.data(), context.run)?;
     let mixed = !side_by_side && node_by_node(edges, array.data(), &context.run.cancel)?;
     let root = array.finish(false)?;
-    let several = Several::of(&root, nodes, context)?;
-    Ok(Components { root, mixed, several })
+    let table = ComponentTable::of(&root, nodes, context)?;
+    Ok(Components { root, mixed, table })
 }
 
 /// Fills `parent` (n) with [`Components::root`]. Returns whether any edge joins faces of contradicting winding.

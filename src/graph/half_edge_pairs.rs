@@ -203,7 +203,7 @@ impl<'a> HalfEdgePairs<'a> {
     }
 
     /// Ends collecting; from here on pairs are taken.
-    pub(super) fn seal(&mut self) {
+    pub(super) fn finish_collecting(&mut self) {
         if let Kind::Table { more, .. } = &mut self.kind {
             more.get_mut().unwrap_or_else(|poison| poison.into_inner()).sort_unstable();
         }

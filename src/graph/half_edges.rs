@@ -130,7 +130,7 @@ pub(super) fn matched<'a>(
     drop(sized);
     pairs.keep(blocks);
     let welded = if open > 0 { weld(mesh, boundary, &pairs, &nonmanifold, context)? } else { 0 };
-    pairs.seal();
+    pairs.finish_collecting();
     let counts = EdgeCounts { boundary: open - welded, nonmanifold: nonmanifold.into_inner(), welded };
     Ok((pairs, counts))
 }

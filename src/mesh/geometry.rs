@@ -223,7 +223,7 @@ impl Mesh {
 
     /// The same faces with their vertices at `positions` (one per vertex).
     #[cfg(feature = "pictures")]
-    pub(crate) fn moved(&self, positions: Vec<[f64; 3]>) -> Result<Self> {
+    pub(crate) fn with_positions(&self, positions: Vec<[f64; 3]>) -> Result<Self> {
         let layout = StridedLayout::packed(0, true, positions.len());
         let positions = Positions::strided(self.path(), sealed::Sealed::into_bytes(positions), layout)?;
         Ok(self.with_arrays(positions, self.faces.clone()))

@@ -7,7 +7,7 @@
 //! seconds.
 
 use super::params::{Cluster, SegmentParams, default_landmarks_for_faces, dimensions, landmarks_on_contraction};
-use super::plan::Pace;
+use super::plan::StageTime;
 use super::recipe::segment;
 use crate::apps::creature::{Creature, Options};
 use crate::base::parallel::lock;
@@ -97,9 +97,9 @@ const NOISE: f64 = 0.3;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Calibration {
     /// On a smooth surface.
-    pub smooth: BTreeMap<String, Pace>,
+    pub smooth: BTreeMap<String, StageTime>,
     /// On a rough one, whose normals are smoothed first.
-    pub rough: BTreeMap<String, Pace>,
+    pub rough: BTreeMap<String, StageTime>,
 }
 
 /// The pace of each stage on a mesh of `faces` faces, measured in a temporary folder inside `folder` on creatures of
@@ -142,19 +142,19 @@ pub fn calibrate(
     // A warm-up run: the first one pays for the program's own pages and caches.
     seconds(&params, few.min(LARGE[0] / 4), 0., folder, run)?;
     let (short, rough, long) = (mean_seconds(few, 0.)?, mean_seconds(few, NOISE)?, mean_seconds(many, 0.)?);
-    let mut paces = Calibration::default();
+    let mut times = Calibration::default();
     for (stage, &seconds) in &long.stages {
-        let pace = if contracts && ON_CONTRACTION.contains(&stage.as_str()) {
-            Pace { fixed: seconds, per_face: 0. }
+        let time = if contracts && ON_CONTRACTION.contains(&stage.as_str()) {
+            StageTime { fixed: seconds, per_face: 0. }
         } else {
-            Pace::through((short.faces, short.of(stage)), (long.faces, seconds))
+            StageTime::through((short.faces, short.of(stage)), (long.faces, seconds))
         };
         let name = planned_as(stage).to_string();
-        *paces.smooth.entry(name.clone()).or_default() += pace;
+        *times.smooth.entry(name.clone()).or_default() += time;
         let more = (rough.of(stage) - short.of(stage)).max(0.) / short.faces;
-        *paces.rough.entry(name).or_default() += pace.slower_by(more);
+        *times.rough.entry(name).or_default() += time.slower_by(more);
     }
-    Ok(paces)
+    Ok(times)
 }
 
 /// Stages that take the same time on any contracted mesh: they run over the contraction, or over the landmarks' rows

@@ -5,13 +5,13 @@
 //! file; only the queues of fronts and, without refinement, two search trees are allocated: at most 60 bytes per vertex
 //! for both, and no more than 2²¹ vertices each.
 
-use super::finer::Finer;
 use super::partial::match_partial;
 pub use super::sides::{
     CorrespondParams, Correspondence, FunctionalMap, Guidance, Side, SideFacts, default_landmarks_for_vertices,
 };
 use super::sides::{Refinement, no_alternative, refined};
-use super::used_vertices::UsedOfTwo;
+use super::subdivided::SubdividedMesh;
+use super::used_vertices::UsedVerticesOfTwo;
 use crate::apps::correspond::align::{FINE, procrustes, sample};
 use crate::apps::correspond::matches::{AlignedPair, Match, Matching, matches};
 use crate::apps::correspond::refine::Refine;
@@ -73,7 +73,7 @@ pub fn correspond_guided(
     // A kept directory keeps only the graphs and rows of both meshes.
     let passing = WorkDir::temporary(context.work.path())?;
     let within = Context::new(&passing, context.run);
-    let used = UsedOfTwo::of([a, b], within)?;
+    let used = UsedVerticesOfTwo::of([a, b], within)?;
     let [a, b] = used.meshes([a, b]);
     let guidance = used.guidance(guidance)?;
     guidance.check(a.positions.len(), b.positions.len(), params)?;
@@ -128,7 +128,7 @@ pub fn match_sides(
             .map(|(found, _)| found)
     };
     if params.refine != Refine::None && !params.transfer {
-        let finer = [Finer::of(a, context.run)?, Finer::of(b, context.run)?];
+        let finer = [SubdividedMesh::of(a, context.run)?, SubdividedMesh::of(b, context.run)?];
         let [of_a, of_b] = &finer;
         let fine_a = of_a.as_ref().map(|finer| finer.side(a, params, context.run)).transpose()?;
         let fine_b = of_b.as_ref().map(|finer| finer.side(b, params, context.run)).transpose()?;

@@ -16,8 +16,6 @@ pub mod cuts;
 pub mod decision;
 pub mod edits;
 pub mod embed;
-#[cfg(feature = "correspondence")]
-mod finer;
 pub mod input;
 pub mod labels;
 #[cfg(feature = "correspondence")]
@@ -36,6 +34,8 @@ pub mod sharding;
 mod shared_boundaries;
 #[cfg(feature = "correspondence")]
 mod sides;
+#[cfg(feature = "correspondence")]
+mod subdivided;
 mod surface;
 mod units;
 #[cfg(feature = "correspondence")]

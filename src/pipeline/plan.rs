@@ -38,14 +38,14 @@ const PAGING: f64 = 0.7e-9;
 
 /// The time of a stage: a fixed part, and a part per face.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pace {
+pub struct StageTime {
     /// Seconds.
     pub fixed: f64,
     /// Seconds per face.
     pub per_face: f64,
 }
 
-impl Pace {
+impl StageTime {
     /// Seconds for `faces` faces.
     pub fn of(&self, faces: u64) -> f64 {
         self.fixed + self.per_face * faces as f64
@@ -63,7 +63,7 @@ impl Pace {
     }
 }
 
-impl AddAssign for Pace {
+impl AddAssign for StageTime {
     fn add_assign(&mut self, other: Self) {
         self.fixed += other.fixed;
         self.per_face += other.per_face;
@@ -257,7 +257,7 @@ impl Plan {
     }
 
     /// Adds times from the pace of each stage, measured on a smooth and on a rough surface.
-    pub fn with_times(mut self, smooth: impl Fn(&str) -> Pace, rough: impl Fn(&str) -> Pace) -> Self {
+    pub fn with_times(mut self, smooth: impl Fn(&str) -> StageTime, rough: impl Fn(&str) -> StageTime) -> Self {
         let faces = self.mesh.faces;
         for stage in &mut self.stages {
             stage.seconds = Some(smooth(stage.name).of(faces));
@@ -375,7 +375,8 @@ mod tests {
 
     #[test]
     fn waiting_grows_with_what_memory_does_not_hold() {
-        let timed = plan().with_times(|_| Pace { fixed: 1., per_face: 0. }, |_| Pace { fixed: 2., per_face: 0. });
+        let timed =
+            plan().with_times(|_| StageTime { fixed: 1., per_face: 0. }, |_| StageTime { fixed: 2., per_face: 0. });
         let speed = DiskSpeed { read: 1e9, write: 5e8 };
         let seconds = |cache: u64| timed.clone().with_waits(speed, cache).seconds.unwrap();
         let [reads, writes] = moves_of(&timed.stages);

@@ -18,13 +18,13 @@ use std::collections::HashMap;
 const FEW: usize = 2 * LOCAL_SAMPLES;
 
 /// A subdivided mesh.
-pub(super) struct Finer {
+pub(super) struct SubdividedMesh {
     mesh: Mesh,
     /// For each of its vertices a nearby vertex of the file.
     origin: Vec<u32>,
 }
 
-impl Finer {
+impl SubdividedMesh {
     /// Subdivides the mesh of `side` if it is coarse.
     pub(super) fn of(side: &Side<'_>, run: &Run) -> Result<Option<Self>> {
         let coarse = |vertices: usize, faces: usize| vertices < FEW && faces < 4 * FEW;

@@ -105,9 +105,9 @@ impl UsedVertices {
 }
 
 /// The used vertices of two meshes; `None` if a mesh uses all.
-pub(super) struct UsedOfTwo([Option<UsedVertices>; 2]);
+pub(super) struct UsedVerticesOfTwo([Option<UsedVertices>; 2]);
 
-impl UsedOfTwo {
+impl UsedVerticesOfTwo {
     /// The used vertices of `meshes`, A and B.
     ///
     /// # Errors

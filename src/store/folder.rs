@@ -91,7 +91,7 @@ impl WorkFolder {
     /// The folder `path`, locked until `lock` is dropped; `None` where the file system has no locks.
     pub fn of(path: &Path, lock: Option<HeldLock>) -> Self {
         let folder = Folder::new(path.to_path_buf(), None, lock);
-        Self { folder: OnceLock::from(folder), ..Self::put_off(Path::new("")) }
+        Self { folder: OnceLock::from(folder), ..Self::deferred(Path::new("")) }
     }
 
     /// A new folder in `parent`.
@@ -99,11 +99,11 @@ impl WorkFolder {
     /// # Errors
     /// [`Error::Io`].
     pub fn temporary(parent: &Path) -> Result<Self> {
-        Ok(Self { folder: OnceLock::from(temporary_folder(parent)?), ..Self::put_off(parent) })
+        Ok(Self { folder: OnceLock::from(temporary_folder(parent)?), ..Self::deferred(parent) })
     }
 
     /// A new folder in `parent`, created at the first call of [`WorkFolder::path`].
-    pub fn put_off(parent: &Path) -> Self {
+    pub fn deferred(parent: &Path) -> Self {
         Self { parent: parent.to_path_buf(), folder: OnceLock::new() }
     }
 
@@ -132,11 +132,11 @@ impl WorkFolder {
 
     /// Its path if it exists, else that of the parent.
     pub fn place(&self) -> &Path {
-        self.made().unwrap_or(&self.parent)
+        self.existing().unwrap_or(&self.parent)
     }
 
     /// Its path if it exists.
-    pub fn made(&self) -> Option<&Path> {
+    pub fn existing(&self) -> Option<&Path> {
         self.folder.get().map(|folder| folder.path.as_path())
     }
 
@@ -336,7 +336,7 @@ mod tests {
     #[test]
     fn where_no_folder_can_be_made_the_parent_is_left_alone() {
         let dir = tempfile::tempdir().unwrap();
-        let folder = WorkFolder::put_off(dir.path());
+        let folder = WorkFolder::deferred(dir.path());
         let full =
             |_: &Path| Err(Error::io(dir.path(), "create a temporary folder here")(ErrorKind::StorageFull.into()));
         let path = folder.path_made_by(full);

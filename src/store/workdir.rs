@@ -176,7 +176,7 @@ impl WorkDir {
     /// A temporary work directory that keeps all arrays in memory as long as half of `budget` stays free; its folder,
     /// in `parent`, is created with the first file that does not fit, and removed when dropped.
     pub fn in_memory(parent: &Path, budget: &Budget) -> Self {
-        let mut work = Self::of(WorkFolder::put_off(parent), Manifest::new());
+        let mut work = Self::of(WorkFolder::deferred(parent), Manifest::new());
         (work.temporary, work.everything) = (true, true);
         work.holding(budget)
     }
@@ -414,7 +414,7 @@ impl WorkDir {
         if let Some(arrays) = &self.arrays {
             arrays.remove(name);
         }
-        if let Some(folder) = self.folder.made() {
+        if let Some(folder) = self.folder.existing() {
             let _ = std::fs::remove_file(folder.join(name));
         }
     }
@@ -430,7 +430,7 @@ impl WorkDir {
 
     /// Total size in bytes of all files in it now.
     pub fn bytes(&self) -> u64 {
-        let Some(Ok(entries)) = self.folder.made().map(std::fs::read_dir) else { return 0 };
+        let Some(Ok(entries)) = self.folder.existing().map(std::fs::read_dir) else { return 0 };
         entries.flatten().filter_map(|entry| entry.metadata().ok()).map(|metadata| metadata.len()).sum()
     }
 }

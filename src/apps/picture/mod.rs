@@ -140,7 +140,7 @@ fn in_common_size(mesh: &Mesh, run: &Run) -> Result<(Mesh, Option<Grant>)> {
     let bytes = 24 * mesh.positions.len() as u64;
     let grant = run.budget.take("positions of the picture", bytes, bytes)?;
     let positions = (0..mesh.positions.len() as u32).map(|v| frame.place(mesh.positions.get(v))).collect();
-    Ok((mesh.moved(positions)?, Some(grant)))
+    Ok((mesh.with_positions(positions)?, Some(grant)))
 }
 
 /// The views: the best one, and others around the same axis.

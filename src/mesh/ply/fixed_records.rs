@@ -60,8 +60,8 @@ impl<'a> FixedRecords<'a> {
         let start = document.ranges[document.face].start;
         let pieces = match encoding {
             Encoding::Ascii => return Ok(None),
-            Encoding::Little => stays::<Binary<false>>(document, labelling, start),
-            Encoding::Big => stays::<Binary<true>>(document, labelling, start),
+            Encoding::Little => kept_ranges::<Binary<false>>(document, labelling, start),
+            Encoding::Big => kept_ranges::<Binary<true>>(document, labelling, start),
         };
         let size = pieces.iter().map(Range::len).sum::<usize>() + labelling.size();
         let header = labelling.header(document, mesh, options, None);
@@ -147,7 +147,7 @@ impl<'a> FixedRecords<'a> {
 }
 
 /// The ranges of a face's record that are kept, adjacent ones merged.
-fn stays<'a, C: Cursor<'a>>(document: &'a Document, labelling: &Labelling, start: usize) -> Vec<Range<usize>> {
+fn kept_ranges<'a, C: Cursor<'a>>(document: &'a Document, labelling: &Labelling, start: usize) -> Vec<Range<usize>> {
     let mut cursor = C::new(&document.bytes, start);
     let mut pieces: Vec<Range<usize>> = Vec::new();
     let properties = &document.header.elements[document.face].properties;
