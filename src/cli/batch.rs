@@ -7,10 +7,10 @@
 use super::edits::Like;
 use super::errors::{file_of, message};
 use super::input::meshes;
-use super::made::Maker;
 use super::options::{AppContext, CliError};
 use super::output::{Output, check_folders, check_names, closing_line, outputs_of};
 use super::progress::{BatchBars, Style, human, tell};
+use super::provenance::Provenance;
 use super::segment::{Job, SegmentArgs, Task, one};
 use super::sink::{OpenSink, Sink, check_distinct, check_outside};
 use nystrom_stream::apps::edits::Edits;
@@ -301,8 +301,8 @@ impl Batch<'_> {
     fn job(&self, k: usize) {
         let (job, args) = (&self.jobs[k], self.task.args);
         let mine = self.bars.of_mesh(&job.mesh.display().to_string());
-        let maker = job.maker(&self.options);
-        if args.resume && job.is_done(maker.as_ref(), &mine) {
+        let provenance = job.provenance(&self.options);
+        if args.resume && job.is_done(provenance.as_ref(), &mine) {
             lock(&self.tally).skip(job);
             self.bars.end(&mine, "");
             return;
@@ -312,12 +312,12 @@ impl Batch<'_> {
         (run.threads, run.budget) = (self.share.0, Budget::new(self.share.1));
         // A panic fails only its mesh.
         let result = catch(|| {
-            let known = |what: fn(&Maker, &Output)| {
-                maker.iter().for_each(|maker| job.outputs.iter().for_each(|output| what(maker, output)));
+            let known = |what: fn(&Provenance, &Output)| {
+                provenance.iter().for_each(|provenance| job.outputs.iter().for_each(|output| what(provenance, output)));
             };
-            known(Maker::remove_record);
+            known(Provenance::remove_record);
             let report = one(job, self.task, &mine, &run, self.app)?;
-            known(Maker::write_record);
+            known(Provenance::write_record);
             Ok(report)
         })
         .flatten();

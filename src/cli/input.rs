@@ -3,9 +3,9 @@
 //! Standard input is copied into the work directory, since a mesh is mapped. A kept work directory is bound to its
 //! mesh.
 
-use super::made::is_output;
 use super::options::{CliError, ForceArgs};
 use super::output::MESH_EXTENSIONS;
+use super::provenance::is_output;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::size::is_pipe;

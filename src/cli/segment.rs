@@ -2,11 +2,11 @@
 
 use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
 use super::input::{check_there, read};
-use super::made::Maker;
 use super::method::MethodArgs;
 use super::options::{AppContext, ForceArgs, RunArgs, ScratchArgs};
 use super::output::{FormArgs, JsonArgs, Output, scratch_folder};
 use super::progress::Bars;
+use super::provenance::Provenance;
 use super::results::{Cut, measured};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::measure;
@@ -111,15 +111,16 @@ impl Job {
         self.outputs.iter().all(|output| output.last_file().and_then(changed).is_some_and(|time| time >= mesh))
     }
 
-    /// The maker of the outputs; `None` if the mesh cannot be read.
-    pub fn maker(&self, options: &Value) -> Option<Maker> {
-        Maker::new(&self.mesh, options)
+    /// The provenance of the outputs; `None` if the mesh cannot be read.
+    pub fn provenance(&self, options: &Value) -> Option<Provenance> {
+        Provenance::new(&self.mesh, options)
     }
 
-    /// Whether `maker` made all outputs, after the last change of the mesh.
-    pub fn is_done(&self, maker: Option<&Maker>, progress: &Bars) -> bool {
+    /// Whether `provenance` made all outputs, after the last change of the mesh.
+    pub fn is_done(&self, provenance: Option<&Provenance>, progress: &Bars) -> bool {
         let newer = self.is_newer();
-        let done = newer && maker.is_some_and(|maker| self.outputs.iter().all(|output| maker.made(output)));
+        let done = newer
+            && provenance.is_some_and(|provenance| self.outputs.iter().all(|output| provenance.is_current(output)));
         if newer && !done {
             progress.note_of_work("its outputs are not known to be of this mesh and these options, and are made anew");
         }

@@ -23,7 +23,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub const FOLDER: &str = ".nystrom-stream";
 
 /// What an output depends on: version, mesh and all options.
-pub struct Maker {
+pub struct Provenance {
     key: String,
     mesh: PathBuf,
     /// Identity of the mesh before it was read.
@@ -32,7 +32,7 @@ pub struct Maker {
     whole: OnceLock<Option<Value>>,
 }
 
-impl Maker {
+impl Provenance {
     /// For the mesh at `path` in its present state, with `options`; `None` if it cannot be read. Time and location of
     /// the mesh do not count.
     pub fn new(path: &Path, options: &Value) -> Option<Self> {
@@ -70,7 +70,7 @@ impl Maker {
     }
 
     /// Whether this made `output`, and it is unchanged.
-    pub fn made(&self, output: &Output) -> bool {
+    pub fn is_current(&self, output: &Output) -> bool {
         let kept = output.path().and_then(place).and_then(|path| std::fs::read(path).ok());
         let kept = kept.and_then(|text| serde_json::from_slice::<Value>(&text).ok());
         let same =
