@@ -36,7 +36,7 @@ const HAND_PICKED: [[u8; 3]; BASE] = [
 type Row = [f32; 3];
 
 /// Transformations of linear RGB by protanopia and deuteranopia.
-const SIGHTS: [[Row; 3]; 3] = [
+const COLOUR_VISION: [[Row; 3]; 3] = [
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
     [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
     [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
@@ -57,7 +57,7 @@ pub(super) fn linear(part: u8) -> f32 {
 
 fn seen(colour: [u8; 3]) -> Seen {
     let linear = colour.map(linear);
-    SIGHTS.map(|sight| {
+    COLOUR_VISION.map(|sight| {
         let cones = times(
             &[
                 [0.412_221_46, 0.536_332_55, 0.051_445_995],
@@ -162,7 +162,7 @@ pub fn assign(parts: usize, touching: &[(u32, u32, f64)]) -> Vec<[u8; 3]> {
 /// Faces between two checks of the stop flag.
 const CHUNK: usize = 1 << 16;
 /// Above this number, parts take colours cyclically.
-const IN_TURN: usize = 2048;
+const MOST_DISTINCT: usize = 2048;
 
 /// One colour per label, suitable for colour-blind people, different for adjacent parts.
 ///
@@ -170,7 +170,7 @@ const IN_TURN: usize = 2048;
 /// [`crate::base::Error::Cancelled`], [`crate::base::Error::Memory`].
 pub fn colours_for(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Vec<[u8; 3]>> {
     let parts = labels.iter().copied().filter(|&label| label != UNLABELLED).max().map_or(0, |most| most as usize + 1);
-    if parts > IN_TURN {
+    if parts > MOST_DISTINCT {
         // There are at most as many labels as faces; a greater number may not be a label at all.
         let bytes = 3 * parts as u64;
         let _grant = run.budget.take("the colours of parts", bytes, bytes)?;

@@ -16,7 +16,7 @@ const STEPS: f64 = 16384.0;
 /// Cosine (40°) between a face and the normal of its vertex below which there is a crease.
 pub(super) const SMOOTH: f64 = 0.766;
 /// Number of chunks of faces sampled for creases.
-const LOOK: usize = 8;
+const CREASE_CHUNKS: usize = 8;
 /// Faces per chunk.
 pub(super) const CHUNK: usize = 1 << 14;
 
@@ -90,10 +90,10 @@ impl VertexSums {
     }
 
     /// The share of the area whose faces are steep to the normal of a corner, 0 to 1: small for a scan, large for a
-    /// box. On a large mesh only [`LOOK`] chunks are sampled.
+    /// box. On a large mesh only [`CREASE_CHUNKS`] chunks are sampled.
     pub fn creased(&self, mesh: &Mesh, run: &Run) -> Result<f64> {
         let n = mesh.faces.len();
-        let step = (chunk_count(n, CHUNK) / LOOK).max(1);
+        let step = (chunk_count(n, CHUNK) / CREASE_CHUNKS).max(1);
         let chunk = |k, (): &mut ()| {
             let (mut creased, mut all) = (0., 0.);
             mesh.faces.for_each(chunk_range(n, CHUNK, k * step), |_, corners| {

@@ -400,8 +400,8 @@ fn limits_of(counts: &[u32], half_width: f32) -> Vec<f32> {
     counts.chunks_exact(BINS + 1).map(limit).collect()
 }
 
-/// Steps between looks at the stop flag.
-const PATIENCE: usize = 1 << 10;
+/// Rounds between checks of the stop flag.
+const STOP_CHECK: usize = 1 << 10;
 /// What `field` holds at nodes that an interior has reached: more than in the interior itself, less than any path.
 const REACHED: f32 = f32::MIN_POSITIVE;
 
@@ -416,7 +416,7 @@ fn dissolve(graph: Csr<'_>, boundary_nodes: &[u32], field: &mut [f32], labels: &
     let mut island_boundary: Vec<(u32, u32)> = Vec::new();
     let mut ring: Vec<u32> = boundary_nodes.to_vec();
     for round in 0.. {
-        if round % PATIENCE == 0 {
+        if round % STOP_CHECK == 0 {
             run.cancel.check()?;
         }
         let mut next = Vec::new();

@@ -33,7 +33,7 @@ const SHIFTS: std::ops::RangeInclusive<u32> = 10..=14;
 /// blocks the rest.
 const SLOTS: f64 = 5.;
 /// Visits between checks of the stop flag.
-const PATIENCE: usize = 1 << 16;
+const STOP_CHECK: usize = 1 << 16;
 
 /// The division of a graph into blocks, and how many of them fit in memory.
 #[derive(Clone, Debug)]
@@ -147,17 +147,17 @@ fn walk(
     (queue, batch, relaxations): (&mut Queue, &mut Vec<Entry>, &mut Vec<Entry>),
     cancel: &Cancel,
 ) -> Result<bool> {
-    let mut patience = PATIENCE;
+    let mut visits_left = STOP_CHECK;
     queue.restart(0.);
     batch.clear();
     *cache.value(source)? = 0.;
     queue.push(Entry { node: source, distance: 0. });
     while queue.pop_bucket(batch) {
-        if patience <= batch.len() {
-            patience = PATIENCE;
+        if visits_left <= batch.len() {
+            visits_left = STOP_CHECK;
             cancel.check()?;
         } else {
-            patience -= batch.len();
+            visits_left -= batch.len();
         }
         let len = batch.len();
         queue.peek(FAR, batch);

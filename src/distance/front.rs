@@ -26,7 +26,7 @@ pub(super) const GATHER: usize = 32;
 /// Bucket width of a front over all nodes, relative to the mean weight.
 pub const FRONT_WIDTH: f32 = 0.125;
 /// Visits between checks of the stop flag.
-const PATIENCE: usize = 1 << 16;
+const STOP_CHECK: usize = 1 << 16;
 
 /// An edge that shortens the path to a node, and the node it comes from.
 #[derive(Clone, Copy, Debug, Default)]
@@ -416,19 +416,19 @@ impl Front {
     ) -> Result<Visits> {
         let Self { queue, batch, relaxations, .. } = self;
         let mut visits = Visits::default();
-        let mut patience = PATIENCE;
+        let mut visits_left = STOP_CHECK;
         batch.clear();
         // The first entry after the batch, if its data were already prefetched.
         let mut fetched = None;
         while queue.pop_bucket(batch) {
-            if patience <= batch.len() {
-                patience = PATIENCE;
+            if visits_left <= batch.len() {
+                visits_left = STOP_CHECK;
                 if cancel.is_cancelled() {
                     queue.clear();
                     cancel.check()?;
                 }
             } else {
-                patience -= batch.len();
+                visits_left -= batch.len();
             }
             if fetched != Some(batch[0].node) {
                 warm_up(batch, steps, field);

@@ -19,7 +19,7 @@ use crate::graph::{Node, VertexGraph};
 /// The relative decrease of a distance that counts as an improvement.
 pub const GAIN: f32 = 1e-6;
 /// Visits between checks of the stop flag.
-const PATIENCE: usize = 1 << 19;
+const STOP_CHECK: usize = 1 << 19;
 
 /// A surface as raw slices.
 #[derive(Clone, Copy, Debug)]
@@ -190,18 +190,18 @@ impl March {
         queue.restart(0.);
         field[source as usize] = 0.;
         queue.push(Entry { node: source, distance: 0. });
-        let mut patience = PATIENCE;
+        let mut visits_left = STOP_CHECK;
         batch.clear();
         while queue.pop_bucket(batch) {
             let least = batch.iter().fold(f32::INFINITY, |least, entry| least.min(entry.distance));
             let stop = extent.is_done(field, least);
-            patience = patience.saturating_sub(batch.len());
-            let cancelled = patience == 0 && cancel.is_cancelled();
+            visits_left = visits_left.saturating_sub(batch.len());
+            let cancelled = visits_left == 0 && cancel.is_cancelled();
             if stop || cancelled {
                 queue.clear();
                 return cancel.check();
             }
-            patience = if patience == 0 { PATIENCE } else { patience };
+            visits_left = if visits_left == 0 { STOP_CHECK } else { visits_left };
             for k in 0..batch.len() {
                 let Entry { node, distance } = batch[k];
                 if field[node as usize] < distance {

@@ -22,7 +22,7 @@ use std::sync::Arc;
 pub const BLOCK_NODES: usize = 1 << SHIFT;
 pub(super) const SHIFT: u32 = 14;
 /// Blocks entered after a block before its values are written back: more than the length of a band.
-const LAG: usize = 256;
+const WRITEBACK_DELAY: usize = 256;
 
 /// Is notified where a front goes; `()` ignores it.
 pub(super) trait Pager {
@@ -139,7 +139,7 @@ impl Pages {
         let nodes = self.block(block);
         entries_needed(graph, nodes.clone(), self.starts[block] as usize..self.starts[block + 1] as usize);
         self.unsent.push_back(block as u32);
-        if self.unsent.len() > LAG {
+        if self.unsent.len() > WRITEBACK_DELAY {
             self.send();
         }
         Some(nodes)

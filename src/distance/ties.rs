@@ -22,7 +22,7 @@ use crate::store::mapped::{Access, advise, will_need};
 use std::collections::BTreeSet;
 
 /// Ties processed between checks of the stop flag.
-const LOOK: usize = 1 << 12;
+const STOP_CHECK: usize = 1 << 12;
 
 /// Nodes that met a tie which they had already won. Their labels may be stale: passed on by a node that was lowered
 /// later, by so little that rounding hides it here.
@@ -107,7 +107,7 @@ fn correct_labels(
     cancel: &Cancel,
 ) -> Result<bool> {
     let mut wrong = BTreeSet::new();
-    for nodes in ties.chunks(LOOK) {
+    for nodes in ties.chunks(STOP_CHECK) {
         cancel.check()?;
         if paged {
             for near in near_ranges(nodes) {

@@ -21,7 +21,7 @@ const BLOCKS: usize = 128;
 /// Maximum number of edges between blocks.
 const MOST_BETWEEN: usize = 1 << 20;
 /// Number of edges that a block reserves at a time; divides [`MOST_BETWEEN`].
-const LUMP: usize = 1 << 8;
+const RESERVED_EDGES: usize = 1 << 8;
 /// Room of a block whose reservation failed.
 const FULL: usize = usize::MAX;
 
@@ -82,7 +82,11 @@ fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsi
             } else {
                 if between.len() == room {
                     // The limit applies to all threads together.
-                    room = if held.fetch_add(LUMP, Relaxed) < MOST_BETWEEN { room + LUMP } else { FULL };
+                    room = if held.fetch_add(RESERVED_EDGES, Relaxed) < MOST_BETWEEN {
+                        room + RESERVED_EDGES
+                    } else {
+                        FULL
+                    };
                     if room == FULL {
                         return;
                     }
@@ -150,9 +154,9 @@ mod tests {
         let indices: Vec<u32> = (0..(n - far) as u32).collect();
         let starts = OwnedRowStarts::of(rows);
         let csr = Csr::new(starts.view(), &indices, &[]);
-        let (held, mut roots) = (AtomicUsize::new(MOST_BETWEEN - 3 * LUMP), vec![0; NODES]);
+        let (held, mut roots) = (AtomicUsize::new(MOST_BETWEEN - 3 * RESERVED_EDGES), vec![0; NODES]);
         let found = |k: usize, roots: &mut [u32]| block_roots(csr, k * NODES, roots, &held).len();
-        assert_eq!([5, 6, 7].map(|k| found(k, &mut roots)), [3 * LUMP, 0, 0]);
+        assert_eq!([5, 6, 7].map(|k| found(k, &mut roots)), [3 * RESERVED_EDGES, 0, 0]);
     }
 
     /// A strip of quads: the first triangles from its end to its start, then the second ones from its start to its end.

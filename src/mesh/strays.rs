@@ -7,16 +7,17 @@
 //!
 //! Genuine geometry must not count as stray: a wall of two triangles around a statue, the tip of a spire and the end of
 //! a pole also carry much area on few vertices. Distances are measured from the core, the box between the 5 % and the
-//! 95 % quantiles of the coordinates, in units of its diagonal. Vertices [`NEAR`] or more outside it are candidates, if
-//! they are few. Candidates joined by edges form a cluster, and are strays if the nearest of them is far enough out for
-//! the shape of the cluster:
+//! 95 % quantiles of the coordinates, in units of its diagonal. Vertices [`SPIKE_FROM`] or more outside it are
+//! candidates, if they are few. Candidates joined by edges form a cluster, and are strays if the nearest of them is far
+//! enough out for the shape of the cluster:
 //!
-//! - [`NEAR`]: a spike on a fine surface. Its base is no wider than the hole that as many missing vertices would leave,
-//!   its length is at least [`NEEDLE`] times that width, and the edges among the candidates enclose nothing.
-//! - [`LOOSE`]: the same where edges among the candidates close a loop. A pole or a blade has a far
-//!   end that is a surface.
-//! - [`ABSURD`]: anything else, such as walls and separate pieces. A single-precision coordinate could not hold the
-//!   rest of the mesh together with it.
+//! - [`SPIKE_FROM`]: a spike on a fine surface. Its base is no wider than the hole that as many missing vertices would
+//!   leave, its length is at least [`SPIKE_RATIO`] times that width, and the edges among the candidates enclose
+//!   nothing.
+//! - [`LOOP_FROM`]: the same where edges among the candidates close a loop. A pole or a blade has a far end that is a
+//!   surface.
+//! - [`ALWAYS_FROM`]: anything else, such as walls and separate pieces. A single-precision coordinate could not hold
+//!   the rest of the mesh together with it.
 //!
 //! Cost: about 1 ns per position; if there are candidates, also about 5 ns per corner.
 
@@ -31,11 +32,11 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 /// Distance from the core, in units of its diagonal, from which a vertex may be a stray.
-pub const NEAR: f64 = 1.;
+pub const SPIKE_FROM: f64 = 1.;
 /// … and from which strays may form closed loops.
-pub const LOOSE: f64 = 30.;
+pub const LOOP_FROM: f64 = 30.;
 /// … and from which every vertex is a stray.
-pub const ABSURD: f64 = 1e4;
+pub const ALWAYS_FROM: f64 = 1e4;
 /// At most one in this many vertices may be a stray.
 const RARE: usize = 100;
 /// … and at most this many in all, which bounds the memory. A mesh with more vertices out there really extends that
@@ -47,7 +48,7 @@ const MOST_CORNERS: usize = 1 << 20;
 /// several.
 const HOLE: f64 = 4.;
 /// Minimum length of a spike, in widths of its hole; the roof of a tower is shorter.
-const NEEDLE: f64 = 8.;
+const SPIKE_RATIO: f64 = 8.;
 /// The quantile of edge lengths that counts as long.
 const LONG: f64 = 0.9;
 /// The core lies between these quantiles.
@@ -123,9 +124,9 @@ impl Core {
         outside(0).max(outside(1)).max(outside(2)) / self.diagonal
     }
 
-    /// The core grown by [`NEAR`] diagonals; vertices outside it are candidates.
+    /// The core grown by [`SPIKE_FROM`] diagonals; vertices outside it are candidates.
     fn reach(&self) -> [[f64; 3]; 2] {
-        let out = NEAR * self.diagonal;
+        let out = SPIKE_FROM * self.diagonal;
         [self.low.map(|x| x - out), self.high.map(|x| x + out)]
     }
 }
@@ -270,13 +271,13 @@ impl Cluster {
     /// Whether its vertices are strays, for a core with this `diagonal` and a mesh whose long edges have the length
     /// `long_edge`.
     fn is_stray(&self, diagonal: f64, long_edge: f64) -> bool {
-        let widest = (HOLE * (self.size as f64).sqrt() * long_edge).min(self.distance * diagonal / NEEDLE);
+        let widest = (HOLE * (self.size as f64).sqrt() * long_edge).min(self.distance * diagonal / SPIKE_RATIO);
         let spike = self.hole.is_some_and(|[low, high]| distance(low, high) <= widest);
         let demanded = match (spike, self.inside < self.size) {
-            _ if !self.used => NEAR,
-            (true, true) => NEAR,
-            (true, false) => LOOSE,
-            (false, _) => ABSURD,
+            _ if !self.used => SPIKE_FROM,
+            (true, true) => SPIKE_FROM,
+            (true, false) => LOOP_FROM,
+            (false, _) => ALWAYS_FROM,
         };
         self.distance >= demanded
     }

@@ -21,7 +21,7 @@ use serde::Serialize;
 const SAME_PLACE: f64 = 0.05;
 /// Confidence below which a person should check the result, if meshes are in the same position, and if vertices are
 /// matched.
-const LOOK: [f64; 2] = [0.95, 0.6];
+const LEAST_CONFIDENCE: [f64; 2] = [0.95, 0.6];
 const CHUNK: usize = 1 << 16;
 /// Bytes per part in reports and the manifest.
 const BYTES_PER_PART: u64 = 1 << 10;
@@ -217,7 +217,7 @@ pub fn apply_reference_numbering(
     let labelled = reference.labels.iter().filter(|label| **label != UNLABELLED);
     labelled.for_each(|&label| known[label as usize] = true);
     facts.missing = (0..parts as u32).filter(|&part| known[part as usize] && faces[part as usize] == 0).collect();
-    let least = LOOK[usize::from(facts.way == Way::Shape)];
+    let least = LEAST_CONFIDENCE[usize::from(facts.way == Way::Shape)];
     facts.look = facts.confidence < least || facts.ambiguous || !facts.missing.is_empty() || some_unknown;
     result.labels = labels;
     result.colours = (0..all).map(grey).collect();

@@ -56,7 +56,7 @@ const COMPARED: usize = 200;
 /// Maximum number of times that the region of the best is cut out again, as long as the fit improves.
 const ROUNDS: usize = 4;
 /// Components with a smaller share of the region's triangles are dropped.
-const CRUMB: f64 = 0.02;
+const SMALL_COMPONENT: f64 = 0.02;
 
 /// Bytes per vertex of the whole: flags, pieces and their sizes, numbers, two faces and a position.
 const REGION: u64 = 72;
@@ -157,7 +157,7 @@ impl Region {
         }
         let mut counts = vec![0u32; inside.len()];
         faces.iter().for_each(|face| counts[pieces.find(face[0]) as usize] += 1);
-        let least = (CRUMB * faces.len() as f64) as u32;
+        let least = (SMALL_COMPONENT * faces.len() as f64) as u32;
         faces.retain(|face| counts[pieces.find(face[0]) as usize] > least);
         drop((counts, pieces));
         faces.shrink_to_fit();

@@ -3,11 +3,11 @@
 //! All of B is transformed to A's functions ([`super::functional::ToA`]). For small meshes every vertex of A is then
 //! compared with every one of B. For large ones ([`EXHAUSTIVE`]) the search is local: neighbours on A have neighbouring
 //! matches on B, so from the match of a finished vertex the search walks over B's graph to the nearest vertex, always
-//! expanding the nearest known one, until [`PATIENCE`] expansions have found none nearer. The first vertices of each
-//! chunk start at the match of the nearest of [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]` vertices
-//! of B; so it costs little if neighbours lie far apart in the file. Such a match also reveals where one error has led
-//! to the next: if it is nearer than what was found, another walk starts there. For 28,000 vertices of two cats this
-//! finds what exhaustive comparison finds (mean square 11.005 against 11.002; without it 37).
+//! expanding the nearest known one, until [`MOST_FAILURES`] expansions have found none nearer. The first vertices of
+//! each chunk start at the match of the nearest of [`SEEDS`]`[0]` vertices of A, which is searched for among `[1]`
+//! vertices of B; so it costs little if neighbours lie far apart in the file. Such a match also reveals where one error
+//! has led to the next: if it is nearer than what was found, another walk starts there. For 28,000 vertices of two cats
+//! this finds what exhaustive comparison finds (mean square 11.005 against 11.002; without it 37).
 //!
 //! Cost: exhaustive, n_A n_B k multiplications, 10 to 20 per nanosecond and thread; local, about 10 µs per vertex, and
 //! on disk 4 k bytes per vertex of B and 4 per vertex of A (8 while the nearest seeds are found).
@@ -30,7 +30,7 @@ use std::ops::Range;
 /// Number of vertex pairs up to which all are compared.
 pub const EXHAUSTIVE: u64 = 1 << 27;
 /// Number of unsuccessful expansions after which a local search ends.
-const PATIENCE: usize = 6;
+const MOST_FAILURES: usize = 6;
 /// Number of vertices of A that are matched first, and of B among which their matches are searched.
 const SEEDS: [usize; 2] = [1 << 14, 1 << 12];
 /// Seeds per chunk.
@@ -69,7 +69,7 @@ struct Walk<'a> {
     query: &'a [f32],
     start: u32,
     count: usize,
-    patience: usize,
+    most_failures: usize,
 }
 
 impl SimdKernel for Walk<'_> {
@@ -77,10 +77,10 @@ impl SimdKernel for Walk<'_> {
 
     #[inline(always)]
     fn run(self) -> Vec<Neighbour> {
-        let Self { placed, query, start, count, patience } = self;
+        let Self { placed, query, start, count, most_failures } = self;
         let square = |vertex: u32| square_apart::<16>(query, placed.at(vertex));
         let around = |vertex: u32| &placed.graph.indices[placed.graph.span(vertex)];
-        walk(Neighbour { vertex: start, square: square(start) }, count, patience, around, square)
+        walk(Neighbour { vertex: start, square: square(start) }, count, most_failures, around, square)
     }
 }
 
@@ -91,8 +91,8 @@ impl<'a> Placed<'a> {
     }
 
     /// The nearest `count` vertices found by walking from `start`.
-    fn walk(self, query: &[f32], start: u32, count: usize, patience: usize) -> Vec<Neighbour> {
-        dispatch(Walk { placed: self, query, start, count, patience })
+    fn walk(self, query: &[f32], start: u32, count: usize, most_failures: usize) -> Vec<Neighbour> {
+        dispatch(Walk { placed: self, query, start, count, most_failures })
     }
 
     fn targets(self, vertices: impl ExactSizeIterator<Item = u32>) -> Targets {
@@ -149,7 +149,7 @@ fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSl
         let queries: Vec<&[f32]> = here.iter().map(|&v| a.at(v)).collect();
         let mut found = Vec::with_capacity(here.len());
         targets.nearest(&queries, &mut found);
-        let walk = |(query, &at): (&&[f32], &u32)| b.walk(query, of_b[at as usize], 1, 4 * PATIENCE)[0].vertex;
+        let walk = |(query, &at): (&&[f32], &u32)| b.walk(query, of_b[at as usize], 1, 4 * MOST_FAILURES)[0].vertex;
         Ok(queries.iter().zip(&found).map(walk).collect::<Vec<u32>>())
     };
     let of_seed = run.map_chunks(chunk_count(of_a.len(), SEEDED), || (), matched)?.concat();
@@ -217,11 +217,11 @@ impl<'a> RefinedPair<'a> {
     /// is nearer, an error was propagated to `from`, as from a leg onto the chest next to it.
     fn walk_from(&self, v: u32, from: u32) -> Neighbour {
         let (query, start) = (self.a.at(v), self.starts[v as usize]);
-        let found = self.b.walk(query, from, 1, PATIENCE)[0];
+        let found = self.b.walk(query, from, 1, MOST_FAILURES)[0];
         if start == from || self.b.square(query, start) >= found.square {
             return found;
         }
-        let other = self.b.walk(query, start, 1, PATIENCE)[0];
+        let other = self.b.walk(query, start, 1, MOST_FAILURES)[0];
         if other.square < found.square { other } else { found }
     }
 
@@ -234,7 +234,7 @@ impl<'a> RefinedPair<'a> {
             if found[v - first].vertex != NOBODY {
                 continue;
             }
-            found[v - first] = self.b.walk(self.a.at(v as u32), self.starts[v], 1, 2 * PATIENCE)[0];
+            found[v - first] = self.b.walk(self.a.at(v as u32), self.starts[v], 1, 2 * MOST_FAILURES)[0];
             waiting.push_back(v as u32);
             while let Some(here) = waiting.pop_front() {
                 let from = found[here as usize - first].vertex;
@@ -278,7 +278,7 @@ impl Pair for RefinedPair<'_> {
 
     fn round_trip(&self, pairs: &[(u32, u32)]) -> Vec<u32> {
         if !self.all {
-            let walk = |&(v, target): &(u32, u32)| self.a.walk(self.b.at(target), v, 1, PATIENCE)[0].vertex;
+            let walk = |&(v, target): &(u32, u32)| self.a.walk(self.b.at(target), v, 1, MOST_FAILURES)[0].vertex;
             return pairs.iter().map(walk).collect();
         }
         let queries: Vec<&[f32]> = pairs.iter().map(|(_, target)| self.b.at(*target)).collect();
@@ -290,6 +290,6 @@ impl Pair for RefinedPair<'_> {
     }
 
     fn k_nearest(&self, v: u32, known: u32, count: usize) -> Vec<Neighbour> {
-        self.b.walk(self.a.at(v), known, count, 4 * PATIENCE)
+        self.b.walk(self.a.at(v), known, count, 4 * MOST_FAILURES)
     }
 }

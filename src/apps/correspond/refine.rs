@@ -48,7 +48,7 @@ const MORE: ([usize; 2], usize) = ([3000, 1 << 14], 3);
 /// Weight of a given pair of landmarks.
 const WEIGHT: usize = 20;
 /// Number of given landmarks whose distances locate a vertex.
-const SITUATING: usize = 4;
+const LOCATING: usize = 4;
 /// Number of functions for finding the sample point nearest to a vertex.
 const FEW: usize = 40;
 /// Number of points by which two maps are compared.
@@ -331,7 +331,7 @@ pub fn refine(
     let mut begins: Vec<Start> = (0..alignments.len()).map(Start::Alignment).collect();
     if prior.map.is_some() {
         begins.push(Start::Map);
-    } else if prior.pairs.len() >= SITUATING {
+    } else if prior.pairs.len() >= LOCATING {
         begins.push(Start::Landmarks);
     }
     let costs: Vec<f64> = alignments.iter().map(|one| one.transport.unwrap_or(1.)).collect();

@@ -19,7 +19,7 @@ use std::num::NonZero;
 pub const EXACT: usize = 1 << 21;
 
 /// Number of unsuccessful expansions after which a search ends.
-const PATIENCE: usize = 24;
+const MOST_FAILURES: usize = 24;
 
 /// Maximum number of neighbours examined per vertex. Vertices of meshes have about six; at the tip of a fan of a
 /// million faces a search would never end.
@@ -42,18 +42,18 @@ impl Neighbour {
     }
 }
 
-/// Expands the nearest known vertices, starting at `start`, until `patience` of them have added none to the nearest
-/// `count`, which it returns. `around` lists the neighbours of a vertex, `square` gives its squared distance.
+/// Expands the nearest known vertices, starting at `start`, until `most_failures` of them have added none to the
+/// nearest `count`, which it returns. `around` lists the neighbours of a vertex, `square` gives its squared distance.
 #[inline(always)]
 pub(super) fn walk<'g>(
     start: Neighbour,
     count: usize,
-    patience: usize,
+    most_failures: usize,
     around: impl Fn(u32) -> &'g [u32],
     square: impl Fn(u32) -> f32,
 ) -> Vec<Neighbour> {
     let (mut known, mut seen, mut idle) = (vec![(start, false)], vec![start.vertex], 0);
-    while let Some(at) = known.iter().position(|(_, looked)| !looked).filter(|_| idle < patience) {
+    while let Some(at) = known.iter().position(|(_, looked)| !looked).filter(|_| idle < most_failures) {
         known[at].1 = true;
         idle += 1;
         for &vertex in around(known[at].0.vertex).iter().take(MOST_AROUND) {
@@ -175,7 +175,7 @@ impl<'a> EmbeddingSearch<'a> {
         let mut start = self.tree.nearest(point);
         start.vertex *= self.step as u32;
         let around = |vertex: u32| &self.graph.indices[self.graph.span(vertex)];
-        walk(start, count, PATIENCE, around, |vertex| square(point, &self.points[vertex as usize]))
+        walk(start, count, MOST_FAILURES, around, |vertex| square(point, &self.points[vertex as usize]))
     }
 }
 

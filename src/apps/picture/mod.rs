@@ -23,14 +23,14 @@ use crate::store::Run;
 use crate::store::budget::Grant;
 use camera::Frame;
 pub use image::Image;
-use shading::CLAY;
+use shading::UNLABELLED_COLOUR;
 use sheet::{Legend, Sheet};
 use vertex_normals::VertexNormals;
 
 /// Maximum number of vertices for smooth normals; the faces of a larger mesh are no larger than a sample.
 const SMOOTH: usize = 3_000_000;
 /// Maximum number of parts distinguished when choosing the view and in the legend.
-const TOLD_APART: usize = 4096;
+const MOST_DISTINCT: usize = 4096;
 
 /// Draws `mesh` with its parts in the colours of their labels (grey beyond the last colour), or in a single colour
 /// without labels.
@@ -80,7 +80,7 @@ pub fn render_named(
         let problem = format!("{} for {} faces", labels.len(), mesh.faces.len());
         return Err(Error::parameter("labels", problem, "give one for every face of the mesh"));
     }
-    let parts = if labels.is_some() { colours.len().min(TOLD_APART) } else { 0 };
+    let parts = if labels.is_some() { colours.len().min(MOST_DISTINCT) } else { 0 };
     let legend = match labels.filter(|_| params.legend) {
         Some(labels) => {
             let areas = viewpoint::areas(mesh, labels, parts, run)?;
@@ -99,7 +99,7 @@ pub fn render_named(
     let _grant = run.budget.take("the picture", bytes, bytes)?;
     let vertex_normals = if smooth { Some(VertexNormals::of(mesh, run)?) } else { None };
     // Labels may be in the billions, so only this is stored per label.
-    let tints = if labels.is_some() { colours } else { &[CLAY] };
+    let tints = if labels.is_some() { colours } else { &[UNLABELLED_COLOUR] };
     let white = if params.transparent { [255, 255, 255, 0] } else { [255; 4] };
     let mut image = Image::filled(params.width, params.height, white);
     for (view, (frame, extent)) in frames.iter().zip(&extents).enumerate() {
@@ -122,7 +122,7 @@ pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -
     let (mesh, _grant) = &in_common_size(mesh, run)?;
     let mesh = &mesh.without_strays(run)?;
     let found =
-        frames(mesh, labels, parts.min(TOLD_APART), &PictureParams { views: 1, ..PictureParams::default() }, run)?;
+        frames(mesh, labels, parts.min(MOST_DISTINCT), &PictureParams { views: 1, ..PictureParams::default() }, run)?;
     Ok([found[0].right, found[0].up, found[0].toward])
 }
 

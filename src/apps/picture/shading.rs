@@ -353,7 +353,7 @@ impl Lines {
 /// The colour of labels without a colour.
 pub(super) const GREY: [u8; 3] = [128; 3];
 /// The colour of a mesh without labels.
-pub(super) const CLAY: [u8; 3] = [0xc9, 0xc3, 0xba];
+pub(super) const UNLABELLED_COLOUR: [u8; 3] = [0xc9, 0xc3, 0xba];
 
 /// The key light: from the upper left, over the viewer's shoulder.
 const KEY: [f32; 3] = [-0.48, 0.58, 0.66];

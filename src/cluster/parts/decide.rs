@@ -13,7 +13,7 @@ use super::interior::layered::{self, CoAssociation};
 use super::matrix::Square;
 use super::symmetry::cell_map::Surface;
 use super::symmetry::limbs::limb_maps;
-use super::symmetry::mirror_images::{LIKE, mirror_images, symmetrised};
+use super::symmetry::mirror_images::{LEAST_LIKENESS, mirror_images, symmetrised};
 use super::symmetry::reflection::reflection;
 use super::{Decision, PartsParams, consensus, labelling};
 use crate::base::{Error, Result};
@@ -93,7 +93,7 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     let surface = Surface::new(cells, &shares, &log_thickness);
     let limbs = surface.as_ref().map_or_else(Vec::new, limb_maps);
     let planes = mirror_images(cells, &shares);
-    let has_plane = planes.first().is_some_and(|best| best.likeness(&shares) >= LIKE);
+    let has_plane = planes.first().is_some_and(|best| best.likeness(&shares) >= LEAST_LIKENESS);
     let posed = match &surface {
         Some(surface) if !has_plane => reflection(surface, run)?,
         _ => None,

@@ -68,7 +68,7 @@ const OBJ: [&[u8]; 36] = [
     b"call",
 ];
 /// Lines examined to recognise a format.
-const LOOK: usize = 64;
+const LINES_EXAMINED: usize = 64;
 
 /// First bytes of unsupported formats.
 const FOREIGN: [(&[u8], &str); 15] = [
@@ -180,7 +180,7 @@ fn is_off(head: &[u8]) -> bool {
 
 /// Whether all lines of `head`, the first bytes of a file, are statements of OBJ.
 fn is_obj(head: &[u8]) -> bool {
-    let mut lines = Lines::new(head, true).take(LOOK).peekable();
+    let mut lines = Lines::new(head, true).take(LINES_EXAMINED).peekable();
     // The last line examined may be cut off.
     lines.peek().is_some() && lines.all(|line| line.words().next().is_some_and(|word| OBJ.contains(&word)))
 }

@@ -27,12 +27,12 @@ use serde::{Deserialize, Serialize};
 const DARK: f64 = 0.05;
 const HIDDEN: f64 = 0.4;
 /// Something is enclosed if at least this share of the area is dark, and at least as much is not hidden,
-const MUCH: f64 = 0.1;
+const LEAST_SHARE: f64 = 0.1;
 /// and if the hidden area is at most this many times the dark area. Bodies with an inside have 1.01 to 1.07, cortices
 /// and brains 1.27 and 1.41, the one vase of the benchmark that is dark within 1.23.
-const CRISP: f64 = 1.15;
+const MOST_HIDDEN_PER_DARK: f64 = 1.15;
 /// Probability that a walk continues after each step; from .8 to .95 the same bodies are found.
-const GOES_ON: f64 = 0.9;
+const CONTINUATION: f64 = 0.9;
 /// Number of steps computed; few walks are longer.
 const STEPS: usize = 100;
 /// Cost of a boundary between walls and bodies, as an area: this factor times its length times the side of a mean cell.
@@ -124,13 +124,13 @@ impl Inside {
         let darker = |exposure: &[f64], than: f64| {
             exposure.iter().zip(&cells.area).filter(|(x, _)| **x < than).map(|(_, area)| area / total).sum::<f64>()
         };
-        if darker(&exposure(cells, Directions::Few, run)?, HIDDEN) < MUCH {
+        if darker(&exposure(cells, Directions::Few, run)?, HIDDEN) < LEAST_SHARE {
             return Ok(None);
         }
         let exposure = exposure(cells, Directions::Many, run)?;
         let [dark, hidden] = [DARK, HIDDEN].map(|than| darker(&exposure, than));
         // If next to nothing is visible, it is a room scanned from within.
-        if dark < MUCH || hidden > CRISP * dark || 1. - hidden < MUCH {
+        if dark < LEAST_SHARE || hidden > MOST_HIDDEN_PER_DARK * dark || 1. - hidden < LEAST_SHARE {
             return Ok(None);
         }
         let is_seen: Vec<bool> = exposure.iter().map(|x| *x >= HIDDEN).collect();
@@ -164,7 +164,7 @@ impl Inside {
 fn walks_reaching_visible(hidden: &[u32], hits: &[Vec<u32>], is_seen: &[bool]) -> Vec<f64> {
     let mut share: Vec<f64> = is_seen.iter().map(|&seen| f64::from(u8::from(seen))).collect();
     let mean = |share: &[f64], hits: &Vec<u32>| {
-        let step = |&j: &u32| if is_seen[j as usize] { 1. } else { GOES_ON * share[j as usize] };
+        let step = |&j: &u32| if is_seen[j as usize] { 1. } else { CONTINUATION * share[j as usize] };
         if hits.is_empty() { 0.5 } else { hits.iter().map(step).sum::<f64>() / hits.len() as f64 }
     };
     for _ in 0..STEPS {

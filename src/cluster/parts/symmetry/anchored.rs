@@ -25,7 +25,7 @@ const MATCHINGS: usize = 4;
 const PLACES: (usize, f64, f32) = (3, 0.08, 0.04);
 /// Which maps of the first samples are continued: how many, their minimum mean distance from each other, and the
 /// maximum error relative to the best.
-const GO_ON: (usize, f32, f64) = (2, 0.06, 1.6);
+const CONTINUED: (usize, f32, f64) = (2, 0.06, 1.6);
 /// Rounds in which images are recomputed.
 const ROUNDS: usize = 4;
 /// Number of nearest anchors that determine the image of an anchor, and of a cell.
@@ -78,7 +78,7 @@ pub fn maps(surface: &Surface<'_>, run: &Run) -> Result<Vec<CellMap>> {
 fn distinct(maps: Vec<Anchors>) -> Vec<Anchors> {
     let mut maps: Vec<(f64, Anchors)> = maps.into_iter().map(|anchors| (anchors.error(), anchors)).collect();
     sort_by(&mut maps, |a, b| a.0.total_cmp(&b.0));
-    let (most, apart, worse) = GO_ON;
+    let (most, apart, worse) = CONTINUED;
     let limit = worse * maps.first().map_or(0.0, |(best, _)| *best);
     let mut kept: Vec<Anchors> = Vec::new();
     for (error, anchors) in maps {

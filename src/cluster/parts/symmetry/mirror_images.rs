@@ -11,7 +11,7 @@ use crate::cluster::parts::matrix::Square;
 use crate::spectral::exp::exp64;
 
 /// If the best plane has less [`MirrorImages::likeness`], the surface may be posed.
-pub const LIKE: f64 = 0.9;
+pub const LEAST_LIKENESS: f64 = 0.9;
 /// A superface is cut if both pieces have at least this share of it: less is within the inaccuracy of images.
 const CUT: f64 = 0.3;
 /// Distance between an image and its nearest cell, in cell radii, at which the weight has fallen to e⁻¹.

@@ -25,7 +25,7 @@ const ENOUGH: usize = 20;
 /// the area that may stay.
 const STAYS: (f32, f32) = (0.15, 0.6);
 /// Number of maps examined, and of those refined on all cells.
-const LOOKED: [usize; 2] = [8, 2];
+const EXAMINED: [usize; 2] = [8, 2];
 /// Two maps are the same if all but this share (second) of the area is mapped to within this length (first) of each
 /// other.
 const SAME: (f32, f32) = (0.15, 0.1);
@@ -57,13 +57,13 @@ pub fn reflection(surface: &Surface, initial: &[CellMap], run: &Run) -> Result<O
     let samples = Samples::new(surface);
     let functions = Functions::new(surface.cells, surface.shares, &samples.rows);
     run.cancel.check()?;
-    let mut looked: Vec<Start> = Vec::new();
+    let mut examined: Vec<Start> = Vec::new();
     let mut likely = Vec::new();
     for start in samples.starts(&functions, initial) {
-        if likely.len() == LOOKED[1] || looked.len() == LOOKED[0] {
+        if likely.len() == EXAMINED[1] || examined.len() == EXAMINED[0] {
             break;
         }
-        if looked.iter().any(|other| samples.are_same(&start, other)) {
+        if examined.iter().any(|other| samples.are_same(&start, other)) {
             continue;
         }
         let mut image: Vec<u32> = samples.owner.iter().map(|&owner| samples.cell[start.image[owner]]).collect();
@@ -71,7 +71,7 @@ pub fn reflection(surface: &Surface, initial: &[CellMap], run: &Run) -> Result<O
         if surface.turning(&image) <= TURNED && surface.moves_far(&image) {
             likely.push(image);
         }
-        looked.push(start);
+        examined.push(start);
     }
     for (image, orthogonal) in likely.iter().flat_map(|image| [(image, false), (image, true)]) {
         run.cancel.check()?;
