@@ -9,7 +9,7 @@
 //! No sums are needed between pieces without a common boundary, since they never merge.
 //!
 //! Cost: one exponential from a table per pair of cells within the cutoff, at most S²/2; 80 bytes per pair of
-//! superfaces of one piece, twice while the result is assembled.
+//! superfaces of one piece.
 
 use super::cell_graph::CellGraph;
 use super::region_pieces::RegionPieces;
@@ -108,7 +108,8 @@ struct SuperfaceBall {
     end: usize,
 }
 
-/// Sums between all pairs of superfaces of one piece that are within the cutoff, ordered by (a, b).
+/// Sums between all pairs of superfaces of one piece that are within the cutoff, ordered by (a, b), in chunks as they
+/// were computed: with two thousand superfaces one list of all would be a second copy of 80 MB.
 ///
 /// `superface`: the superface of each cell; `thickness`: the logarithm of a length (S); `pieces` of the superfaces.
 ///
@@ -120,14 +121,15 @@ pub fn convexity(
     superface: &[u32],
     pieces: &RegionPieces,
     run: &Run,
-) -> Result<Vec<PairSums>> {
+) -> Result<Vec<Vec<PairSums>>> {
     let superfaces = pieces.region_count();
     let (points, balls) = gather(cells, thickness, superface, superfaces);
     let table = ExpTable::new();
-    let chunks = run.map_ranges(superfaces, CHUNK, |range| {
-        Ok(dispatch(PairsFrom { range, points: &points, balls: &balls, pieces, table: &table }))
-    })?;
-    Ok(chunks.concat())
+    run.map_ranges(superfaces, CHUNK, |range| {
+        let mut sums = dispatch(PairsFrom { range, points: &points, balls: &balls, pieces, table: &table });
+        sums.shrink_to_fit();
+        Ok(sums)
+    })
 }
 
 /// Cells ordered by superface, and the superfaces' balls.
@@ -258,6 +260,7 @@ mod tests {
         let superface: Vec<u32> = (0..150).map(|i| i * 7 / 150).collect();
         let thickness: Vec<f64> = (0..150).map(|i| (0.7 * f64::from(i)).sin()).collect();
         let found = convexity(&g, &thickness, &superface, &RegionPieces::whole(7), &Run::new(&())).unwrap();
+        let found = found.concat();
         for pair in &found {
             let (mut seen, mut all, mut thickness_jump) = ([0.0; 3], [0.0; 3], [0.0; 3]);
             for p in (0..150).filter(|&p| superface[p] == pair.a) {

@@ -15,10 +15,11 @@ use super::folding::log_folding;
 use super::matrix::Square;
 use super::merges::{MergeModel, meeting_probability, merges};
 use super::region_pieces::RegionPieces;
-use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments};
+use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments, region_bytes};
 use super::shortcuts::with_shortcuts;
 use super::thickness::log_thickness;
 use crate::base::Result;
+use crate::base::parallel::chunk_range;
 use crate::base::random::{Random, below, splitmix_step, stream};
 use crate::spectral::anchor::{AnchorEmbedding, LandmarkDistances, anchor_embedding};
 use crate::store::run::Run;
@@ -144,7 +145,7 @@ pub struct MeasuredSuperfaces {
     /// Sums over each cell (S).
     moments: Vec<CellMoments>,
     /// Convexity between superfaces.
-    sums: Vec<PairSums>,
+    sums: Vec<Vec<PairSums>>,
     /// How folded the surface is ([`log_folding`]).
     log_folding: f64,
 }
@@ -253,7 +254,9 @@ pub fn co_association(
     model: &MergeModel,
     run: &Run,
 ) -> Result<Square> {
-    let trees = run.map_chunks(
+    let most = ensemble.iter().map(|m| m.regions).max().unwrap_or(0);
+    let (few, _grant) = run.threads_within(region_bytes(most));
+    let trees = few.map_chunks(
         ensemble.len(),
         || (),
         |k, ()| {
@@ -294,19 +297,20 @@ impl MeetingProbabilities {
 /// Cancellation.
 pub fn mean_over_ensemble(n: usize, trees: &[(Vec<u32>, MeetingProbabilities)], run: &Run) -> Result<Square> {
     let share = 1.0 / trees.len().max(1) as f64;
-    let rows = run.map_ranges(n, SUPERFACES_PER_CHUNK, |range| {
-        let mut out = vec![0.0; range.len() * n];
+    let mut mean = Square::zeros(n);
+    let fill = |k: usize, rows: &mut [f64], (): &mut ()| {
         for (label, meet) in trees {
             let mut p = vec![0.0; meet.pieces.region_count()];
-            for (a, row) in range.clone().zip(out.chunks_exact_mut(n)) {
+            for (a, row) in chunk_range(n, SUPERFACES_PER_CHUNK, k).zip(rows.chunks_exact_mut(n)) {
                 meet.put_row(label[a], &mut p);
                 row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += p[b as usize]);
             }
         }
-        out.iter_mut().for_each(|x| *x *= share);
-        Ok(out)
-    })?;
-    Ok(Square::from_values(n, rows.concat()))
+        rows.iter_mut().for_each(|x| *x *= share);
+        Ok(())
+    };
+    run.fill_chunks(mean.values_mut(), SUPERFACES_PER_CHUNK * n, || (), fill)?;
+    Ok(mean)
 }
 
 /// Islands below this share of the area join the neighbour with the longest common boundary.

@@ -12,7 +12,8 @@
 //! ranked by their gain in the expected Rand index at ½, so the parts are those of the greatest expected index in the
 //! hierarchy for that number; if more are requested, joins are ranked by level.
 //!
-//! Cost for R superfaces, a few hundred: R² per round of moves; a few R × R matrices.
+//! Cost for R superfaces, a few hundred, two thousand under strong noise: R² per round of moves; C, and an R × R matrix
+//! for each thread that the budget has room for.
 
 use super::ambiguous::without_ambiguous;
 use super::cell_graph::{CellGraph, class_sums, compact};
@@ -47,16 +48,8 @@ impl RandObjective<'_> {
     /// The best labelling found for the superfaces in `some`, at a threshold: a label below the number of parts for
     /// each of `some`, numbered by first appearance.
     pub fn best(&self, some: &[u32], threshold: f64) -> Vec<u32> {
-        let n = some.len();
-        let mut gain = Square::zeros(n);
-        for (i, &x) in some.iter().enumerate() {
-            let (area, from) = (self.area[x as usize], self.co_association.row(x as usize));
-            for (slot, &y) in gain.row_mut(i).iter_mut().zip(some) {
-                *slot = area * self.area[y as usize] * (from[y as usize] - threshold);
-            }
-            gain[(i, i)] = 0.0;
-        }
-        let mut label: Vec<u32> = (0..n as u32).collect();
+        let gain = PairGains { objective: *self, some, threshold };
+        let mut label: Vec<u32> = (0..some.len() as u32).collect();
         let mut before = usize::MAX;
         loop {
             local_moves(&gain, &mut label);
@@ -71,8 +64,29 @@ impl RandObjective<'_> {
     }
 }
 
+/// What two superfaces in `some` gain by lying in the same class, at a threshold. Computed where it is needed: a matrix
+/// of them would take as much memory as C.
+struct PairGains<'a> {
+    objective: RandObjective<'a>,
+    some: &'a [u32],
+    threshold: f64,
+}
+
+impl PairGains<'_> {
+    /// The gains of the `i`-th of `some` with each of them, 0 with itself.
+    fn row(&self, i: usize) -> impl Iterator<Item = f64> {
+        let RandObjective { area, co_association } = self.objective;
+        let x = self.some[i] as usize;
+        let (own, from, threshold) = (area[x], co_association.row(x), self.threshold);
+        self.some.iter().map(|&y| y as usize).enumerate().map(move |(j, y)| {
+            let gain = own * area[y] * (from[y] - threshold);
+            if i == j { 0.0 } else { gain }
+        })
+    }
+}
+
 /// Moves single superfaces to the class (or an empty one) of greatest gain until none moves.
-fn local_moves(gain: &Square, label: &mut [u32]) {
+fn local_moves(gain: &PairGains<'_>, label: &mut [u32]) {
     let n = label.len();
     let mut count = vec![0usize; n + 1];
     // The gain of class k from superface i, one row per class: a move changes two rows.
@@ -120,8 +134,8 @@ fn local_moves(gain: &Square, label: &mut [u32]) {
 }
 
 /// Joins the two classes of greatest gain while it is positive; returns the number of classes left.
-fn greedy_joins(gain: &Square, label: &mut [u32], classes: usize) -> usize {
-    let mut sums = between(gain, label, classes);
+fn greedy_joins(gain: &PairGains<'_>, label: &mut [u32], classes: usize) -> usize {
+    let mut sums = sums_between(label, classes, |i| gain.row(i));
     let mut alive: Vec<usize> = (0..classes).collect();
     loop {
         let mut top = (LEAST, 0, 0);
@@ -142,19 +156,14 @@ fn greedy_joins(gain: &Square, label: &mut [u32], classes: usize) -> usize {
     }
 }
 
-/// Sums of `m` between the classes of a labelling.
-pub(super) fn between(m: &Square, label: &[u32], classes: usize) -> Square {
-    sums_between(label, classes, |i, j| m.row(i)[j])
-}
-
-/// The same for a matrix with the entries `at(i, j)`.
-fn sums_between(label: &[u32], classes: usize, at: impl Fn(usize, usize) -> f64) -> Square {
+/// Sums between the classes of a labelling, of a matrix with the rows `row_of(i)`.
+fn sums_between<R: Iterator<Item = f64>>(label: &[u32], classes: usize, row_of: impl Fn(usize) -> R) -> Square {
     let mut out = Square::zeros(classes);
     let mut row = vec![0.0; classes];
     for (i, &k) in label.iter().enumerate() {
         row.fill(0.0);
-        for (j, &c) in label.iter().enumerate() {
-            row[c as usize] += at(i, j);
+        for (&c, x) in label.iter().zip(row_of(i)) {
+            row[c as usize] += x;
         }
         out.row_mut(k as usize).iter_mut().zip(&row).for_each(|(sum, x)| *sum += x);
     }
@@ -202,6 +211,7 @@ pub fn soft_hierarchy(
     let levels_of = HierarchyLevels { touching, objective };
     // Above ½ each part is divided independently of the others.
     let parts = class_members(&label);
+    let (run, _grant) = run.threads_within(10 * (n * n) as u64);
     let ladders = run.map_chunks(parts.len(), || (), |k, ()| Ok(ladder(levels_of.objective, &parts[k])))?;
     // Coarsest first; reversed at the end.
     let mut levels = vec![vec![0; n], label];
@@ -310,7 +320,10 @@ impl HierarchyLevels<'_> {
     fn inside(&self, class: &[u32], sub: &[u32], n: usize, low: f64, high: f64) -> Vec<CellUnion> {
         let RandObjective { area, co_association } = self.objective;
         let size: Vec<f64> = class.iter().map(|&x| area[x as usize]).collect();
-        let weighed = |i: usize, j: usize| size[i] * size[j] * co_association[(class[i] as usize, class[j] as usize)];
+        let weighed = |i: usize| {
+            let (own, from) = (size[i], co_association.row(class[i] as usize));
+            class.iter().zip(&size).map(move |(&y, size)| own * size * from[y as usize])
+        };
         let sums = sums_between(sub, n, weighed);
         let mut name = vec![u32::MAX; area.len()];
         let mut first = vec![u32::MAX; n];

@@ -29,6 +29,11 @@ impl Square {
         &self.values
     }
 
+    /// The same, to change.
+    pub fn values_mut(&mut self) -> &mut [f64] {
+        &mut self.values
+    }
+
     /// Rows (and columns).
     pub fn len(&self) -> usize {
         self.n

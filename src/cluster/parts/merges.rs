@@ -192,7 +192,7 @@ mod tests {
         let (whole, pieces) = (RegionPieces::whole(n), RegionPieces::connected(&cells, &label, n));
         let [mut all, each] = [&whole, &pieces].map(|pieces| {
             let sums = convexity(&cells, &thickness, &label, pieces, &Run::new(&())).unwrap();
-            let across = sums.iter().any(|s| s.a as usize % strips != s.b as usize % strips);
+            let across = sums.iter().flatten().any(|s| s.a as usize % strips != s.b as usize % strips);
             assert_eq!(across, pieces == &whole, "strips see each other");
             let labels = RegionLabels { of_cell: &label, of_superface: &label, pieces };
             Regions::gather(&cells, &moments, &sums, labels, 1)

@@ -4,8 +4,9 @@
 //! merge, and the probability that people would make it, are computed from these sums alone ([`super::merge_features`],
 //! [`super::merges`]).
 //!
-//! Cost for R regions, some thirty: 23 R × R matrices. Regions without a common boundary never merge: those of an
-//! object of loose pieces, perhaps thousands, are summed piece by piece ([`RegionPieces`]).
+//! Cost for R regions, mostly some thirty, hundreds under strong noise: 23 R × R matrices ([`region_bytes`]). Regions
+//! without a common boundary never merge: those of an object of loose pieces, perhaps thousands, are summed piece by
+//! piece ([`RegionPieces`]).
 
 use super::cell_graph::CellGraph;
 use super::convexity::PairSums;
@@ -104,6 +105,12 @@ pub struct Regions {
     pub log_folding: f64,
 }
 
+/// Bytes that the sums over `count` regions take while they are formed and merged.
+pub fn region_bytes(count: usize) -> u64 {
+    let pair = 8 * size_of::<f64>() + size_of::<EdgeSums>() + size_of::<[f64; 3]>();
+    (count * count * pair + count * size_of::<CellMoments>()) as u64
+}
+
 /// Concave angles above these count as concave, and as sharp; convex ones above the second as sharp.
 const SHARP: [f64; 2] = [0.1, 0.3];
 
@@ -175,12 +182,12 @@ impl Regions {
 
     /// Sums over the regions given by `labels`, for each piece that they lie in.
     ///
-    /// `moments` are the cells' own (S), `sums` those between superfaces; `width` selects the pair width among
+    /// `moments` are the cells' own (S), `sums` those between superfaces, in chunks; `width` selects the pair width among
     /// [`super::convexity::WIDTHS`]. The surface is assumed to have no folds.
     pub fn gather(
         cells: &CellGraph,
         moments: &[CellMoments],
-        sums: &[PairSums],
+        sums: &[Vec<PairSums>],
         labels: RegionLabels<'_>,
         width: usize,
     ) -> Vec<Regions> {
@@ -212,7 +219,7 @@ impl Regions {
         // Both halves of the three matrices sum the same numbers in the same order, so only one half is computed, for
         // all three at once.
         let mut halves: Vec<_> = out.iter().map(|regions| vec![[0.0; 3]; regions.len() * regions.len()]).collect();
-        for s in sums {
+        for s in sums.iter().flatten() {
             let [(piece, a), (_, b)] = [s.a, s.b].map(|s| pieces.place(of_superface[s as usize]));
             let twice = if a == b && s.a != s.b { 2.0 } else { 1.0 };
             let sum = &mut halves[piece][a.min(b) * out[piece].len() + a.max(b)];

@@ -90,31 +90,30 @@ pub fn mirror_images(cells: &CellGraph, shares: &[f64]) -> Vec<MirrorImages> {
 /// the superface of each cell (S), `shares` are the cells' areas (S).
 pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], maps: &[MirrorImages]) -> Square {
     let n = c.len();
-    let (mut sum, mut weight) = (c.clone(), vec![1.0; n * n]);
-    for map in maps {
-        let (images, sure) = superface_images(n, of_cell, shares, map);
-        let mut half = Square::zeros(n);
-        for (x, image) in images.iter().enumerate() {
-            for &(y, share) in image {
-                half.row_mut(x).iter_mut().zip(c.row(y as usize)).for_each(|(sum, c)| *sum += share * c);
-            }
-        }
-        for x in 0..n {
-            for y in (0..x).filter(|&y| sure[x] * sure[y] > 0.0) {
-                let image: f64 = images[y].iter().map(|&(b, share)| share * half[(x, b as usize)]).sum();
-                let w = sure[x] * sure[y];
-                sum[(x, y)] += w * image;
-                weight[x * n + y] += w;
-            }
-        }
-    }
+    let maps: Vec<_> = maps.iter().map(|map| superface_images(n, of_cell, shares, map)).collect();
+    let mut mean = c.clone();
+    // Σ share · C from the images of one superface to all others.
+    let (mut half, mut weight) = (vec![0.0; n], vec![0.0; n]);
     for x in 0..n {
+        weight.fill(1.0);
+        for (images, sure) in &maps {
+            half.fill(0.0);
+            for &(y, share) in &images[x] {
+                half.iter_mut().zip(c.row(y as usize)).for_each(|(sum, c)| *sum += share * c);
+            }
+            for y in (0..x).filter(|&y| sure[x] * sure[y] > 0.0) {
+                let image: f64 = images[y].iter().map(|&(b, share)| share * half[b as usize]).sum();
+                let w = sure[x] * sure[y];
+                mean[(x, y)] += w * image;
+                weight[y] += w;
+            }
+        }
         for y in 0..x {
-            let mean = sum[(x, y)] / weight[x * n + y];
-            (sum[(x, y)], sum[(y, x)]) = (mean, mean);
+            let value = mean[(x, y)] / weight[y];
+            (mean[(x, y)], mean[(y, x)]) = (value, value);
         }
     }
-    sum
+    mean
 }
 
 /// For each of `n` superfaces, the shares of its image in other superfaces, which sum to 1, and how well it matches
