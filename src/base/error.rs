@@ -61,7 +61,8 @@ pub enum Error {
     },
     /// The memory budget cannot hold the minimum that is needed.
     #[error(
-        "{what} needs {needed} bytes but the memory budget leaves {available}; raise `memory` or lower `threads` or `landmarks`"
+        "{what} needs {needed} bytes but the memory budget leaves {available}; raise `memory` or {}",
+        if what.contains("picture") { "make the picture smaller" } else { "lower `threads` or `landmarks`" }
     )]
     Memory {
         /// What was to be allocated.

@@ -7,9 +7,11 @@ use super::sink::{Sink, check_is_no_stream, folder_of, print};
 use nystrom_stream::SaveOptions;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::split::{self, PartForm};
+use nystrom_stream::apps::picture::PictureParams;
 use nystrom_stream::base::{Error, Result, RunLog, printable};
 use nystrom_stream::mesh::ply::labelled::PlyForm;
 use nystrom_stream::mesh::{Document, Mesh, ends_with};
+use nystrom_stream::store::Budget;
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::ffi::OsStr;
@@ -247,6 +249,11 @@ impl Output {
     /// Rejects an output that cannot be written, before any work.
     pub fn check(&self) -> Result<()> {
         Sink::of(&self.target).check()
+    }
+
+    /// Rejects a picture for which `budget` is too small, before any work.
+    pub fn check_budget(&self, budget: &Budget) -> Result<()> {
+        if self.form == Form::Png { PictureParams::default().check_budget(budget) } else { Ok(()) }
     }
 
     /// Whether it cannot be written without the mesh.

@@ -98,6 +98,7 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     check_there(&args.mesh)?;
     let bars = args.shown.bars();
     let run = args.resources.run(&bars, app);
+    params.check_budget(&run.budget)?;
     let work = WorkDir::temporary(args.scratch.tmp.as_deref().unwrap_or(&folder_of(&target)))?;
     let (opened, _) = read(&args.mesh, ForceArgs::default(), Context::new(&work, &run))?;
     let faces = opened.faces.len();

@@ -158,6 +158,9 @@ pub struct Task<'a> {
     pub like: Option<&'a Like>,
 }
 
+/// Maximum number of parts that a note names; the report names all.
+const SHOWN_PARTS: usize = 10;
+
 /// Why a person should check parts that were transferred.
 fn doubts(facts: &LikeFacts) -> String {
     let way = if facts.way == Way::Place { "nearest faces" } else { "matched shapes" };
@@ -166,8 +169,11 @@ fn doubts(facts: &LikeFacts) -> String {
         text += ", parts may be mirrored";
     }
     if !facts.missing.is_empty() {
-        let parts: Vec<String> = facts.missing.iter().map(u32::to_string).collect();
+        let parts: Vec<String> = facts.missing.iter().take(SHOWN_PARTS).map(u32::to_string).collect();
         text += &format!(", without part {}", parts.join(", "));
+        if facts.missing.len() > SHOWN_PARTS {
+            text += &format!(" and {} more", facts.missing.len() - SHOWN_PARTS);
+        }
     }
     text
 }
@@ -177,7 +183,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let Task { args, params, edits, like } = task;
     let Job { mesh: path, outputs } = job;
     check_there(path)?;
-    outputs.iter().try_for_each(Output::check)?;
+    outputs.iter().try_for_each(|output| output.check().and_then(|()| output.check_budget(&run.budget)))?;
     let work = args.scratch.work(args.work_dir.as_deref(), || scratch_folder(outputs), run)?;
     if path.as_os_str() != "-" && !args.no_plan {
         super::plan::check(path, params, Context::new(&work, run))?;

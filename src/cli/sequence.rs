@@ -137,6 +137,9 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     check_there(&args.mesh)?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
+    if targets.iter().any(|target| matches!(target, Target::Png(_))) {
+        PictureParams::default().check_budget(&run.budget)?;
+    }
     let folder = |target: &Target| match target {
         Target::Ply(path) | Target::Npy(path) | Target::Png(path) => Some(folder_of(path)),
         Target::Stdout => None,

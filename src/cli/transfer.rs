@@ -50,6 +50,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     [&args.from, &args.to].into_iter().try_for_each(|path| check_there(path))?;
     let bars = args.shown.bars();
     let run = args.resources.run(&bars, app);
+    outputs.iter().try_for_each(|output| output.check_budget(&run.budget))?;
     let tmp = args.scratch.tmp.clone().unwrap_or_else(|| scratch_folder(&outputs));
     // Both meshes may have to be decoded, each into its own folder.
     let (work, source) = (WorkDir::temporary(&tmp)?, WorkDir::temporary(&tmp)?);

@@ -63,11 +63,30 @@ fn what_is_wrong_is_said_in_a_line() {
         (vec!["--labels", "l.seg"], 1, "2 labels for 4 faces"),
         // The whole picture was not counted, only one of its views.
         (vec!["--size", "6000x6000", "--views", "64", "--max-memory", "150MB"], 1, "the picture needs"),
+        (vec!["--max-memory", "64MB"], 1, "raise --max-memory or make the picture smaller"),
     ] {
         let output = program().current_dir(dir.path()).arg("picture").arg(&mesh).args(&args).output().unwrap();
         let text = errors(&output);
         assert_eq!(output.status.code(), Some(code), "{args:?}: {text}");
         assert!(text.contains(part), "{args:?}: {text}");
+    }
+}
+
+/// Regression: a picture that does not fit the budget was refused after all the work, when other outputs were written.
+#[test]
+fn a_picture_beyond_the_budget_is_refused_before_any_work() {
+    let dir = in_memory();
+    let mesh = dir.path().join("m.ply");
+    labelled(&mesh);
+    for words in [
+        &["segment", "m.ply", "-k", "2", "-o", "x.seg", "-o", "x.png"][..],
+        &["transfer-labels", "m.ply", "m.ply", "-o", "x.seg", "-o", "x.png"],
+        &["sequence", "m.ply", "-o", "x.npy", "-o", "x.png"],
+    ] {
+        let output = program().current_dir(dir.path()).args(words).args(["--max-memory", "64MB"]).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{words:?}");
+        assert!(errors(&output).contains("the picture needs"), "{words:?}: {}", errors(&output));
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "{words:?}");
     }
 }
 

@@ -80,6 +80,9 @@ pub fn render_named(
         let problem = format!("{} for {} faces", labels.len(), mesh.faces.len());
         return Err(Error::parameter("labels", problem, "give one for every face of the mesh"));
     }
+    let smooth = mesh.positions.len() <= SMOOTH;
+    let bytes = params.bytes() + if smooth { 12 * mesh.positions.len() as u64 } else { 0 };
+    let _grant = run.budget.take("the picture", bytes, bytes)?;
     let parts = if labels.is_some() { colours.len().min(MOST_DISTINCT) } else { 0 };
     let legend = match labels.filter(|_| params.legend) {
         Some(labels) => {
@@ -92,11 +95,6 @@ pub fn render_named(
     let extents = raster::extents(mesh, &frames, run)?;
     let room = params.width - legend.as_ref().map_or(0, Legend::width).min(params.width / 2);
     let sheet = Sheet::of(&extents, room, params.height);
-    let smooth = mesh.positions.len() <= SMOOTH;
-    // The picture itself, and its encoded form.
-    let whole = 7 * (params.width * params.height) as u64;
-    let bytes = whole + sheet.bytes(params.samples) + if smooth { 12 * mesh.positions.len() as u64 } else { 0 };
-    let _grant = run.budget.take("the picture", bytes, bytes)?;
     let vertex_normals = if smooth { Some(VertexNormals::of(mesh, run)?) } else { None };
     // Labels may be in the billions, so only this is stored per label.
     let tints = if labels.is_some() { colours } else { &[UNLABELLED_COLOUR] };

@@ -9,7 +9,7 @@ use crate::apps::colours::linear;
 use crate::base::sort::sort_by;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
-use crate::store::Run;
+use crate::store::{Budget, Run};
 
 /// The axis of the file that points up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,6 +122,23 @@ impl PictureParams {
         }
         Ok(())
     }
+
+    /// Maximum number of bytes for the picture itself, its encoded form, and drawing a view: cells, normals twice, and
+    /// per-pixel data.
+    pub(super) fn bytes(&self) -> u64 {
+        let pixels = (self.width * self.height) as u64;
+        let per_cell = 16 * (self.samples * self.samples) as u64 + 36;
+        pixels * 7 + pixels * per_cell / self.views.max(1) as u64
+    }
+
+    /// Rejects a picture for which `budget` is too small, before any work.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn check_budget(&self, budget: &Budget) -> Result<()> {
+        let (needed, available) = (self.bytes(), budget.total());
+        if needed <= available { Ok(()) } else { Err(Error::Memory { what: "the picture", needed, available }) }
+    }
 }
 
 /// Maximum share of a cell that a shape fills.
@@ -168,12 +185,6 @@ impl Sheet {
     /// The upper left pixel of a view.
     pub(super) fn place(&self, view: usize) -> (usize, usize) {
         (view % self.columns * self.cell.0, view / self.columns * self.cell.1)
-    }
-
-    /// Bytes for drawing a view: cells, normals twice, and per-pixel data.
-    pub(super) fn bytes(&self, samples: usize) -> u64 {
-        let pixels = (self.cell.0 * self.cell.1) as u64;
-        pixels * (16 * (samples * samples) as u64 + 36)
     }
 
     /// The pixels of a cell.

@@ -1,7 +1,8 @@
 //! The viewpoint: which axis points up, and the most informative view around it.
 //!
-//! One pass over all faces for the areas of the parts, one over a sample of 40,000 triangles (60 bytes each) that
-//! represents the mesh, then sixty small pictures of that sample: some 0.1 s whatever the mesh.
+//! One pass over all faces for the areas of the parts, one over a sample of 40,000 faces that represents the mesh (136
+//! bytes per triangle, of which at most 120,000 are kept), then sixty small pictures of that sample: some 0.1 s
+//! whatever the mesh.
 
 use super::camera::{Camera, Extent, Frame, Vec3};
 use super::raster::{CHUNK, Canvas, each_triangle, triangles_of};
@@ -11,11 +12,7 @@ use crate::base::vector::{dot, double_area};
 use crate::mesh::Mesh;
 use crate::store::Run;
 
-// The first pass over a mesh: the area of each part, and a sample of triangles that represents the whole.
-//
-// One parallel pass over all faces and one over a sample; 60 bytes per sampled triangle.
-
-/// Triangles in a sample.
+/// Faces in a sample, and half the triangles of theirs that are kept in the mean.
 const SAMPLE: usize = 40_000;
 
 /// Area by label; labels from `parts` on share the last entry.
@@ -58,18 +55,28 @@ pub(super) struct Piece {
     pub label: u32,
 }
 
-/// Some [`SAMPLE`] triangles, evenly spread over the file; all of a smaller mesh.
+/// The triangles of some [`SAMPLE`] faces, evenly spread over the file, or of all faces of a smaller mesh. Of polygons
+/// with many corners only every so many triangles are kept.
 pub(super) fn sample(mesh: &Mesh, labels: Option<&[u32]>, run: &Run) -> Result<Vec<Piece>> {
     let n = mesh.faces.len();
     let step = n.div_ceil(SAMPLE).max(1);
-    let growth = (step as f64).sqrt();
     let mut pieces = Vec::new();
+    let triangles = |corners: usize| corners.saturating_sub(2);
+    let mean = triangles(mesh.faces.corner_count() / n.max(1));
+    let least = (mean * n.div_ceil(step)).div_ceil(2 * SAMPLE).max(1);
     let chunk = |k, (): &mut ()| {
         let mut found = Vec::new();
         for one in chunk_range(n.div_ceil(step), CHUNK, k) {
             // Jittered, since a fixed stride could be in step with rows of a grid.
             let face = (one * step + one.wrapping_mul(0x9e37_79b1) % step).min(n - 1);
+            let every = least.max(triangles(mesh.faces.corner_range(face).len()).div_ceil(SAMPLE));
+            let growth = ((step * every) as f64).sqrt();
+            let mut number = one;
             triangles_of(mesh, face, |_, at| {
+                number += 1;
+                if number % every != 0 {
+                    return;
+                }
                 let middle = [0, 1, 2].map(|k| (at[0][k] + at[1][k] + at[2][k]) / 3.0);
                 let normal = double_area(at);
                 let length = dot(normal, normal).sqrt();
@@ -277,4 +284,31 @@ fn look(pieces: &[Piece], parts: usize, frame: &Frame) -> Seen {
     let mean = sum / f64::max(seen.area, 1.0);
     seen.depth = (squares / f64::max(seen.area, 1.0) - mean * mean).max(0.0).sqrt();
     seen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Regression: all triangles of the sampled faces were kept, millions for polygons with many corners.
+    #[test]
+    fn a_sample_of_large_polygons_is_bounded_and_covers_the_mesh() {
+        for (faces, sides) in [(300, 3), (3, 100_000), (900, 1_000)] {
+            let (mut positions, mut corners) = (Vec::new(), Vec::new());
+            for face in 0..faces {
+                for k in 0..sides {
+                    let angle = std::f64::consts::TAU * k as f64 / sides as f64;
+                    corners.push(positions.len() as u32);
+                    positions.push([angle.cos() + 2.0 * face as f64, angle.sin(), 0.0]);
+                }
+            }
+            let starts = (0..=faces as u64).map(|face| face * sides as u64).collect();
+            let mesh = Mesh::from_polygons(positions, starts, corners).unwrap();
+            let pieces = sample(&mesh, None, &Run::new(&())).unwrap();
+            assert!(pieces.len() <= 3 * SAMPLE, "{faces} {sides}: {}", pieces.len());
+            let ends = [0, faces - 1].map(|face| 2.0 * face as f64);
+            assert!(ends.iter().all(|x| pieces.iter().any(|piece| (piece.middle[0] - x).abs() < 1.0)));
+            assert_eq!(sides == 3, pieces.len() == faces);
+        }
+    }
 }

@@ -182,8 +182,8 @@ impl Regions {
 
     /// Sums over the regions given by `labels`, for each piece that they lie in.
     ///
-    /// `moments` are the cells' own (S), `sums` those between superfaces, in chunks; `width` selects the pair width among
-    /// [`super::convexity::WIDTHS`]. The surface is assumed to have no folds.
+    /// `moments` are the cells' own (S), `sums` those between superfaces, in chunks; `width` selects the pair width
+    /// among [`super::convexity::WIDTHS`]. The surface is assumed to have no folds.
     pub fn gather(
         cells: &CellGraph,
         moments: &[CellMoments],
