@@ -38,7 +38,7 @@ use std::path::Path;
 /// let (a, b) = (mesh::open(&path, work.path(), &run)?, mesh::open(&path, work.path(), &run)?);
 /// let params = CorrespondParams::default().landmarks(12);
 /// let found = correspond(&a, &b, None, &params, Context::new(&work, &run))?;
-/// With refinement, a vertex may be matched with a neighbour of its own.
+/// // With refinement, a vertex may be matched with a neighbour of its own.
 /// let own = found.matches.iter().enumerate().filter(|(v, one)| one.vertex() == Some(*v as u32)).count();
 /// assert!(own * 100 > 99 * found.matches.len());
 /// # Ok::<(), nystrom_stream::base::Error>(())

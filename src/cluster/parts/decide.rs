@@ -29,7 +29,7 @@ use crate::store::run::Run;
 /// use nystrom_stream::store::Run;
 ///
 /// # fn main() -> nystrom_stream::base::Result<()> {
-/// A strip of 24 cells with a crease in the middle, and their distances from every fourth.
+/// // A strip of 24 cells with a crease in the middle, and their distances from every fourth.
 /// let step = |i: u32| if i == 12 { 2. } else { 0.2 };
 /// let cells = CellGraph {
 ///     seed: (0..24).collect(),
@@ -45,7 +45,7 @@ use crate::store::run::Run;
 /// let distance = |a: u32, b: u32| (a.min(b) + 1..=a.max(b)).map(step).sum::<f64>();
 /// let rows: Vec<f64> = (0..6).flat_map(|k| (0..24).map(move |i| distance(4 * k, i))).collect();
 /// let (found, _) = decide(&cells, &rows, 6, &PartsParams::default(), &Run::new(&()))?;
-/// The hierarchy has all answers: this is the one with two parts.
+/// // The hierarchy has all answers: this is the one with two parts.
 /// let two = found.tree.cut_k(2)?;
 /// assert_eq!(two.label, [vec![0; 12], vec![1; 12]].concat());
 /// # Ok(())

@@ -23,7 +23,7 @@ const VERSION: u32 = 1;
 /// use nystrom_stream::cluster::parts::hierarchy::CellUnion;
 /// use nystrom_stream::cluster::parts::{CellGraph, PartTree};
 ///
-/// Four cells in a row; the outer pairs surely belong together, the two halves probably not.
+/// // Four cells in a row; the outer pairs surely belong together, the two halves probably not.
 /// let pairs = vec![[0, 1], [1, 2], [2, 3]];
 /// let cells = CellGraph { area: vec![1.; 4], length: vec![1.; 3], pairs, ..CellGraph::default() };
 /// let union = |level, a, b| CellUnion { level, rank: level, a, b };
