@@ -59,22 +59,27 @@ impl Choice for Sampling {
 
 impl Choice for ShareStep {
     const CHOICES: &'static [Named<Self>] = &[
-        (Self::Normals, "normals", "The fronts that averaged normals need, by ranges of faces"),
+        (Self::Normals, "normals", "The fronts for the averaged normals, by ranges of faces"),
         (
             Self::Contraction,
             "contraction",
-            "The front that contracts the mesh, likewise; when all shares of the normals are done",
+            "The front that contracts the mesh, by ranges of faces; start when all shares of the normals are done",
         ),
-        (Self::ContractedRows, "rows", "The rows over the contraction, by landmark; when all its shares are done"),
+        (
+            Self::ContractedRows,
+            "rows",
+            "The rows over the contraction, by landmark; start when all shares of the contraction are done",
+        ),
         (
             Self::Depths,
             "depths",
-            "The front that finds the interiors of parts, by ranges of faces; when all rows are done",
+            "The front that finds the interiors of parts, by ranges of faces; start when all rows are done",
         ),
         (
             Self::Bands,
             "bands",
-            "The front that labels the bands around boundaries, likewise; when all shares of the depths are done",
+            "The front that labels the bands around boundaries, by ranges of faces; start when all shares of the depths \
+             are done",
         ),
     ];
 }
@@ -125,7 +130,7 @@ impl Choice for Cluster {
         (
             Self::TwoMeans,
             "two-means",
-            "Repeated 2-means in the embedding, as in the paper; without -k until no split gains much",
+            "Repeated 2-means in the embedding, as in the paper; without -k, until no split gains much",
         ),
     ];
 }
@@ -135,7 +140,7 @@ impl Choice for Decision {
         (
             Self::SoftTrees,
             "soft-trees",
-            "Twelve merge trees with probabilities; the labelling of greatest expected Rand index",
+            "Twelve merge trees with probabilities; the labelling with the greatest expected Rand index",
         ),
         (
             Self::Consensus,
@@ -148,15 +153,15 @@ impl Choice for Decision {
 
 impl Choice for TinyComponents {
     const CHOICES: &'static [Named<Self>] = &[
-        (Self::Join, "join", "Each joins the part that it is nearest to"),
-        (Self::Own, "own", "All together are one part of their own, the last one, which -k does not count"),
+        (Self::Join, "join", "Each joins the nearest part"),
+        (Self::Own, "own", "Together they form one extra part, the last one, which -k does not count"),
     ];
 }
 
 impl Choice for Walls {
     const CHOICES: &'static [Named<Self>] = &[
-        (Self::Follow, "follow", "They have the labels of the outside behind them"),
-        (Self::Own, "own", "All together are one part of their own after the others, which -k does not count"),
+        (Self::Follow, "follow", "They get the labels of the outer surface behind them"),
+        (Self::Own, "own", "Together they form one extra part after the others, which -k does not count"),
     ];
 }
 

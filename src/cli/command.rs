@@ -30,11 +30,11 @@ fn adapted(subcommand: &str, arg: Arg) -> Arg {
         ("exact", "rows" | "share") => arg.hide(true),
         ("landmarks", "rows") => arg.help(
             "Number of landmarks [default: 120, above 60,000 faces 60 to 20 by size; with kmeans and two-means twice the \
-             parts, 10 to 60, and more than parts up to 512]",
+             parts, 10 to 60, but always more than parts, up to 512]",
         ),
         ("landmarks", "share") => arg.help(
             "Number of landmarks [default: 120, above 300,000 faces 240; with kmeans and two-means twice the parts, 10 to \
-             60, above 60,000 faces 60, and more than parts up to 512]",
+             60, above 60,000 faces 60, but always more than parts, up to 512]",
         ),
         ("sampling", "rows") => arg.help("How landmarks are chosen [default: farthest]"),
         ("sampling", "share") => with_replaced_help(arg, "with --exact, kmeans and two-means", "with kmeans and two-means"),

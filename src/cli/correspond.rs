@@ -35,12 +35,12 @@ pub struct CorrespondArgs {
     /// The mesh that they are matched to, in the same formats
     #[arg(value_name = "B")]
     pub b: PathBuf,
-    /// Matches, once or more: .npy (records of match, distance, confidence), .csv or .parquet (columns)
+    /// Matches, repeatable: .npy (records of match, distance, confidence), .csv or .parquet (columns)
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     #[command(flatten)]
     pub json: JsonArgs,
-    /// Write A and B with coloured vertices, matched ones alike: two PLY files
+    /// Write A and B as PLY files with coloured vertices; matched vertices have the same colour
     #[arg(long, value_names = ["A_OUT", "B_OUT"], num_args = 2)]
     pub colours: Vec<PathBuf>,
     /// What the colours on B show, in --colours and --picture [default: position]
@@ -52,7 +52,7 @@ pub struct CorrespondArgs {
     /// Copy properties of the vertices or faces of B to A, such as label,quality; written to --carried
     #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "carried")]
     pub carry: Vec<String>,
-    /// PLY file for the shape of A with the copied properties; A's own are left out
+    /// PLY file to write: A with the copied properties, without its own
     #[arg(long, value_name = "FILE", requires = "carry")]
     pub carried: Option<PathBuf>,
     /// Matches as points inside triangles of B, .npy (records of three corners and their weights)
@@ -64,10 +64,10 @@ pub struct CorrespondArgs {
     /// The functions on the vertices of A and B, .npy (vertices × k each)
     #[arg(long, value_names = ["A_OUT", "B_OUT"], num_args = 2)]
     pub functions: Vec<PathBuf>,
-    /// Pairs of landmarks, a line each: two vertices, or two points as six numbers
+    /// Pairs of landmarks, one per line: two vertices, or two points as six numbers
     #[arg(long, value_name = "FILE")]
     pub landmarks_file: Option<PathBuf>,
-    /// Matches to begin with, .npy or .csv as correspond writes them, or a vector of vertices
+    /// Initial matches, .npy or .csv as correspond writes them, or a vector of vertices
     #[arg(long, value_name = "FILE")]
     pub initial_map: Option<PathBuf>,
     /// Keep intermediate results for both meshes in this folder and reuse them [default: a temporary folder]
@@ -111,7 +111,7 @@ pub struct MethodArgs {
     /// Width of the kernel, in mean distances
     #[arg(long, value_name = "X", default_value_t = 1.)]
     pub sigma: f64,
-    /// How matches of the few leading eigenvectors are refined
+    /// How the matches from the leading eigenvectors are refined
     #[arg(long, value_parser = choice::<Refine>(), default_value = "nystrom")]
     pub refine: Refine,
     /// Keep only matches that are each other's nearest
@@ -127,7 +127,7 @@ pub struct MethodArgs {
     /// Match again, with the landmarks of A carried to B by the first matches
     #[arg(long)]
     pub transfer: bool,
-    /// Which of several alignments to take where the shape is symmetric, from 0; the report lists them
+    /// Which of several alignments to use if the shape is symmetric, from 0; the report lists them
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub alternative: usize,
 }

@@ -16,10 +16,10 @@ use std::path::PathBuf;
 /// Arguments of `demo`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct DemoArgs {
-    /// Least number of faces of the mesh; 1.3e6 is a number too
+    /// Minimum number of faces of the mesh; may be written as 1.3e6
     #[arg(long, value_name = "N", default_value = "1.3e6", value_parser = parse_faces)]
     pub faces: u64,
-    /// Noise, as a share of the edge length
+    /// Noise, as a fraction of the edge length
     #[arg(long, value_name = "X", default_value_t = 0.)]
     pub noise: f64,
     /// Folder for the files
@@ -29,7 +29,7 @@ pub struct DemoArgs {
     pub run: RunArgs,
     #[command(flatten)]
     pub scratch: ScratchArgs,
-    /// Do not check for free disk space before the start
+    /// Do not check free disk space before starting
     #[arg(long, help_heading = "Running")]
     pub no_plan: bool,
 }

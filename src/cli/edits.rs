@@ -21,11 +21,11 @@ pub struct EditArgs {
     /// Apply the edits in this file: merge, split, cut, hints, names, colours (docs/edits.md)
     #[arg(long, value_name = "FILE")]
     pub edits: Option<PathBuf>,
-    /// Take hints from this face property of the mesh: faces of equal values belong together, of different
-    /// ones apart; 0 says nothing
+    /// Take hints from this face property of the mesh: faces with equal values belong together, with different values
+    /// apart; 0 means no hint
     #[arg(long, value_name = "PROPERTY")]
     pub hints: Option<String>,
-    /// Name the parts as in this table: a line per part, its number, a tab, its name
+    /// Name the parts from this table, one line per part: its number, a tab, its name
     #[arg(long, value_name = "TSV")]
     pub names: Option<PathBuf>,
 }
@@ -34,8 +34,8 @@ pub struct EditArgs {
 #[derive(Clone, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Corrections")]
 pub struct LikeArgs {
-    /// Find the parts of this labelled mesh, with their numbers, colours and names: on scans in the same place or of a
-    /// similar shape. With --edits, it is cut and edited first, and needs no labels
+    /// Find the parts of this labelled mesh, with their numbers, colours and names, on scans in the same place or of a
+    /// similar shape. With --edits, it is cut and edited first and needs no labels
     #[arg(long, value_name = "MESH", conflicts_with_all = ["hints", "parts", "parts_range", "detail"])]
     pub like: Option<PathBuf>,
 }

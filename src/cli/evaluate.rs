@@ -19,16 +19,16 @@ use std::path::{Path, PathBuf};
 
 #[derive(Clone, Debug, clap::Args)]
 pub struct EvaluateArgs {
-    /// Labels to judge: .seg, .npy, or .ply with a face property `label`; with --benchmark a folder of them, named
-    /// after the models [default with --benchmark: each person is judged by the others]
+    /// Labels to score: .seg, .npy, or .ply with a face property `label`; with --benchmark a folder of them, named
+    /// after the models [default with --benchmark: each person is scored against the others]
     #[arg(value_name = "LABELS", required_unless_present_any = ["benchmark", "matches"])]
     pub labels: Option<PathBuf>,
     /// The mesh of the labels: PLY, OBJ, OFF or STL, also .gz [default: LABELS if it is a .ply; without a mesh
     /// all faces weigh the same]
     #[arg(long, value_name = "MESH", conflicts_with = "benchmark")]
     pub mesh: Option<PathBuf>,
-    /// Labels to judge by, once or more, in the same formats; with --matches a map of vertices, .npy or .csv
-    /// [default with --matches: vertices with the same number match]
+    /// Reference labels, repeatable, in the same formats; with --matches a map of vertices, .npy or .csv [default with
+    /// --matches: vertices with the same number match]
     #[arg(
         long,
         value_name = "LABELS",
@@ -36,21 +36,21 @@ pub struct EvaluateArgs {
         conflicts_with = "benchmark"
     )]
     pub truth: Vec<PathBuf>,
-    /// Folder of a benchmark: N.ply, labels by people N_0.seg, N_1.seg, …, and models.tsv (columns model and category)
+    /// Folder of a benchmark: N.ply, human labels N_0.seg, N_1.seg, …, and models.tsv (columns model and category)
     #[arg(long, value_name = "DIR")]
     pub benchmark: Option<PathBuf>,
-    /// Judge the matches of `correspond` instead, .npy or .csv; --mesh is the mesh they point to
+    /// Score the matches of `correspond` instead, .npy or .csv; --mesh is the mesh they point to
     #[arg(long, value_name = "FILE", requires = "mesh", conflicts_with_all = ["labels", "benchmark", "plot"])]
     pub matches: Option<PathBuf>,
-    /// Matches judged at most, spread evenly
+    /// Maximum number of matches to score, spread evenly
     #[arg(long, value_name = "N", default_value_t = 10_000, requires = "matches")]
     pub samples: usize,
     #[command(flatten)]
     pub json: JsonArgs,
-    /// Draw 1 - Rand by category beside that of people, .svg or .png
+    /// Plot 1 - Rand by category, beside that of people, .svg or .png
     #[arg(long, value_name = "FILE", requires = "benchmark", requires = "labels")]
     pub plot: Option<PathBuf>,
-    /// Leave out the cut discrepancy, which costs most
+    /// Skip the cut discrepancy, the slowest metric
     #[arg(long, conflicts_with = "matches")]
     pub no_cuts: bool,
     /// Worker threads [default: one per core]

@@ -13,13 +13,13 @@ use std::path::PathBuf;
 /// After the help of the program.
 pub const PROGRAM: &str = "\
 Examples:
-  nystrom-stream segment scan.ply                      number of parts found; in scan.segmented.ply
+  nystrom-stream segment scan.ply                      finds the number of parts, writes scan.segmented.ply
   nystrom-stream segment scan.ply -k 6 -o parts.seg    exactly six parts; one label per line
-  nystrom-stream segment scans/ --jobs 2 --resume      a folder of meshes, without those already done
+  nystrom-stream segment scans/ --jobs 2 --resume      a folder of meshes, skipping those already done
   nystrom-stream demo                                  a first look, without a mesh of your own
 
-Exit codes: 0 done; 1 a file cannot be used, or the system failed; 2 wrong command line. A run that is interrupted cleans
-up and ends by the signal: a shell says 130 after Ctrl-C, 143 after SIGTERM.";
+Exit codes: 0 success; 1 a file cannot be used, or the system failed; 2 invalid command line. An interrupted run cleans
+up and ends by the signal: a shell reports 130 after Ctrl-C, 143 after SIGTERM.";
 
 /// After the help of `segment`.
 pub const SEGMENT: &str = "\
@@ -36,20 +36,20 @@ pub const STAGES: &str = "\
 Examples, the stages of `segment` one by one:
   nystrom-stream graph scan.ply --work-dir work
   nystrom-stream rows --work-dir work -l 40
-  nystrom-stream cluster --work-dir work -k 9          another number of parts takes a moment
+  nystrom-stream cluster --work-dir work -k 9          changing the number of parts takes a moment
   nystrom-stream cluster --work-dir work --detail 0.5 -o finer.seg
   nystrom-stream export --work-dir work -o parts.ply --tree tree.json
   nystrom-stream embed --work-dir work -d 8            embedding.npy, for other programs";
 
 /// After the help of `share`.
 pub const SHARE: &str = "\
-Examples, on two machines that see the same folder; each step begins when the one before has ended on both:
+Examples, on two machines that share a folder; start each step when the one before is done on both:
   nystrom-stream share normals scan.ply --work-dir work --shard 0/2         the other machine: --shard 1/2
   nystrom-stream share contraction scan.ply --work-dir work --shard 0/2
   nystrom-stream share rows scan.ply --work-dir work --shard 0/2
-  nystrom-stream share depths scan.ply --work-dir work --shard 0/2          from here on with -k or --detail, if segment has it
+  nystrom-stream share depths scan.ply --work-dir work --shard 0/2          from here on with -k or --detail, if segment has them
   nystrom-stream share bands scan.ply --work-dir work --shard 0/2
-  nystrom-stream segment scan.ply --work-dir work -o parts.ply              on one of them: all the rest";
+  nystrom-stream segment scan.ply --work-dir work -o parts.ply              on one of them: the rest";
 
 /// After the help of `sequence`.
 pub const SEQUENCE: &str = "\
@@ -107,8 +107,8 @@ pub fn man(args: &ManArgs, program: Command) -> Result<(), CliError> {
 fn markdown(mut program: Command) -> String {
     program.build();
     let mut text =
-        "# Command-line reference\n\nEvery subcommand with its arguments and options, as `--help` tells them. \
-        This page is made from the definitions: `cargo run -- man --markdown docs/reference.md`.\n\n"
+        "# Command-line reference\n\nEvery subcommand with its arguments and options, as shown by `--help`. \
+        This page is generated from the definitions: `cargo run -- man --markdown docs/reference.md`.\n\n"
             .to_string();
     let commands = || program.get_subcommands().filter(|command| command.get_name() != "help");
     for command in commands() {

@@ -30,7 +30,7 @@ pub struct InfoArgs {
     /// The work directory
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
-    /// Show what the header of a mesh file tells, and do not read the rest
+    /// Show only the header of a mesh file
     #[arg(long)]
     pub header: bool,
     #[command(flatten)]

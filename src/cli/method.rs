@@ -29,7 +29,7 @@ pub struct MetricArgs {
     /// Form of the edge weights [default: scale-free]
     #[arg(long = "metric", id = "metric", value_parser = choice::<Metric>())]
     pub form: Option<Metric>,
-    /// Length that turning by one radian is worth, in the scale-free metric [default: 5]
+    /// Length equivalent to turning by one radian, in the scale-free metric [default: 5]
     #[arg(long, value_name = "B")]
     pub beta: Option<f32>,
     /// Factor for convex turning [default: 0.05, or 0.1 in the paper's metric]
@@ -73,10 +73,10 @@ impl MetricArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Parts")]
 pub struct PartsArgs {
-    /// Exact number of parts [default: found]
+    /// Exact number of parts [default: automatic]
     #[arg(short = 'k', long = "parts", value_name = "K", allow_negative_numbers = true, conflicts_with_all = ["parts_range", "detail"])]
     pub parts: Option<usize>,
-    /// Bounds for the number of parts found
+    /// Bounds for the automatic number of parts
     #[arg(long, value_name = "A..B", value_parser = parse_range)]
     pub parts_range: Option<(usize, usize)>,
     /// Coarser (to -1) or finer (to 1) than the parts found
@@ -88,12 +88,12 @@ pub struct PartsArgs {
     /// How parts are decided, with --cluster parts [default: soft-trees, or as in the work directory]
     #[arg(long, value_parser = choice::<Decision>())]
     pub decision: Option<Decision>,
-    /// What becomes of components too small to be parts, with --cluster parts [default: join, or
-    /// as in the work directory]
+    /// What to do with components too small to be parts, with --cluster parts [default: join, or as in the work
+    /// directory]
     #[arg(long, alias = "dust", value_parser = choice::<TinyComponents>())]
     pub tiny_components: Option<TinyComponents>,
-    /// What becomes of walls inside of hollow bodies, with --cluster parts [default: follow, or
-    /// as in the work directory]
+    /// What to do with the inner walls of hollow bodies, with --cluster parts [default: follow, or as in the work
+    /// directory]
     #[arg(long, value_parser = choice::<Walls>())]
     pub walls: Option<Walls>,
     /// How faces near boundaries get their labels, with --cluster parts [default: front, or as in the work directory]
@@ -108,8 +108,8 @@ pub struct KernelArgs {
     /// Kernel from distance to affinity [default: gaussian, or as in the work directory]
     #[arg(long, hide_short_help = true, value_parser = choice::<Kernel>())]
     pub kernel: Option<Kernel>,
-    /// Width of the kernel, in mean distances [default: 0.25, without anchor graph 1 as in the paper, or as in the work
-    /// directory]
+    /// Width of the kernel, in mean distances [default: 0.25; without anchor graph 1, as in the paper, or as in the
+    /// work directory]
     #[arg(long, hide_short_help = true, value_name = "X")]
     pub sigma: Option<f64>,
     /// How affinities are normalised [default: anchor, or as in the work directory]
@@ -124,8 +124,8 @@ pub struct KernelArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Distances")]
 pub struct OrderArgs {
-    /// In which order faces are worked on; labels are always in the order of the file [default: auto, or
-    /// as in the work directory]
+    /// Order in which faces are processed; labels are always in the order of the file [default: auto, or as in the work
+    /// directory]
     #[arg(long, value_parser = choice::<Order>(), hide_short_help = true)]
     pub order: Option<Order>,
 }
@@ -135,18 +135,18 @@ pub struct OrderArgs {
 #[command(next_help_heading = "Distances")]
 pub struct DistanceArgs {
     /// Number of landmarks, up to 4096 [default: 120, above 300,000 faces 240; with --exact above 60,000 faces 60 to 20
-    /// by size; with kmeans and two-means twice the parts, 10 to 60, above 60,000 faces 60 without --exact, and more
-    /// than parts up to 512]
+    /// by size; with kmeans and two-means twice the parts, 10 to 60, above 60,000 faces 60 without --exact, but always
+    /// more than parts, up to 512]
     #[arg(short = 'l', long, hide_short_help = true, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub landmarks: Option<u32>,
     /// How landmarks are chosen [default: farthest; distance-weighted above 60,000 faces, but not
     /// with --exact, kmeans and two-means]
     #[arg(long, hide_short_help = true, value_parser = choice::<Sampling>())]
     pub sampling: Option<Sampling>,
-    /// Compute rows over all faces of a large mesh too, instead of more of them over a coarser copy
+    /// Compute rows of distances over all faces even if the mesh is large, instead of more rows over a coarser copy
     #[arg(long, hide_short_help = true)]
     pub exact: bool,
-    /// What is the default now
+    /// Now the default
     #[arg(long, hide = true, conflicts_with = "exact")]
     pub coarse: bool,
     #[command(flatten)]

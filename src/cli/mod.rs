@@ -59,16 +59,16 @@ enum Command {
     /// Stage 2: compute the distances from all landmarks to all faces, in one process or as one of several
     #[command(after_long_help = help::STAGES)]
     Rows(stages::RowsArgs),
-    /// Compute a share of a step of segment, where several processes cut one large mesh together
+    /// Compute one share of a step of segment, for several processes that cut one large mesh together
     #[command(after_long_help = help::SHARE)]
     Share(stages::ShareArgs),
     /// Combine the distances that several processes have computed with rows --shard
     Merge(stages::MergeArgs),
     /// Stage 3, for use by other programs: compute coordinates of all faces in the spectral embedding; K-means of
-    /// `cluster` then takes the same kernel, unless it or `segment` is told another
+    /// `cluster` then takes the same kernel, unless another is given
     #[command(after_long_help = help::STAGES)]
     Embed(stages::EmbedArgs),
-    /// Stage 4: cut into parts; another number of parts takes a moment
+    /// Stage 4: cut into parts; changing their number takes a moment
     #[command(after_long_help = help::STAGES)]
     Cluster(stages::ClusterArgs),
     /// Stage 5: write the parts of a work directory in any output format
@@ -76,11 +76,11 @@ enum Command {
     Export(stages::ExportArgs),
     /// Predict memory, disk space and time of a run
     Plan(plan::PlanArgs),
-    /// Show what a work directory holds, or what a mesh is and measures
+    /// Show the contents of a work directory, or the properties of a mesh
     Info(info::InfoArgs),
     /// Check every file of a work directory against its checksum
     Verify(info::VerifyArgs),
-    /// Score labels against those of people, or matches against true ones
+    /// Score labels against human ones, or matches against true ones
     Evaluate(evaluate::EvaluateArgs),
     /// Measure how well landmarks sample a mesh, or compare ways of sampling
     Quality(quality::QualityArgs),
@@ -98,7 +98,7 @@ enum Command {
     TransferLabels(transfer::TransferArgs),
     /// Plot the eigenvalues, and the hierarchy of parts with its cut
     Plot(plot::PlotArgs),
-    /// Make a mesh of a million faces with known parts, cut it, and compare
+    /// Generate a mesh of a million faces with known parts, cut it, and compare
     Demo(demo::DemoArgs),
     /// Print completions for a shell
     Completions(help::CompletionArgs),

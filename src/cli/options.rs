@@ -60,7 +60,7 @@ impl WorkDirArgs {
 /// Whether a work directory may change hands.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub struct ForceArgs {
-    /// Make a work directory that is of another mesh anew for this one
+    /// Empty and reuse a work directory of another mesh
     #[arg(long, requires = "work_dir")]
     pub force: bool,
 }
@@ -85,7 +85,7 @@ pub fn either<'a>(positional: &'a Option<PathBuf>, option: &'a Option<PathBuf>) 
 pub enum ProgressArg {
     /// One bar per stage on a terminal, otherwise one line per stage
     Auto,
-    /// One line per stage, on a terminal too
+    /// One line per stage, even on a terminal
     Lines,
     /// One JSON object per line: stage, unit, done, total, seconds; or a note; or an error
     Json,
@@ -100,7 +100,7 @@ pub struct ResourceArgs {
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
-    /// Memory to allocate at most, such as 512MiB or 2GiB [default: half of what is free]
+    /// Maximum memory to allocate, such as 512MiB or 2GiB [default: half of the free memory]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     pub max_memory: Option<u64>,
 }

@@ -30,14 +30,14 @@ pub struct PlyArgs {
     #[arg(long, value_parser = choice::<PlyForm>(), default_value = "same", value_name = "FORM")]
     pub ply_form: PlyForm,
     /// Label and colour the vertices of PLY outputs too (scalar_label, red, green, blue), for Blender, CloudCompare and
-    /// Open3D, which show no colours of faces; colours that the vertices have are replaced
+    /// Open3D, which do not show face colours; existing vertex colours are replaced
     #[arg(long)]
     pub vertex_labels: bool,
-    /// Give each part vertices of its own in PLY outputs, labelled and coloured, so that colours end at boundaries;
-    /// other properties of the input are left out
+    /// Give each part its own vertices in PLY outputs, labelled and coloured, so that colours end at boundaries; other
+    /// properties of the input are left out
     #[arg(long, conflicts_with = "vertex_labels")]
     pub split_vertices: bool,
-    /// Split the triangles of PLY outputs where smooth boundaries cross them, in the place of boundaries along
+    /// Split the triangles of PLY outputs where smooth boundaries cross them, instead of placing boundaries along
     /// edges; creases stay on edges
     #[arg(long, conflicts_with_all = ["vertex_labels", "split_vertices"])]
     pub split_faces: bool,
@@ -87,7 +87,7 @@ impl JsonArgs {
 pub enum PartFile {
     /// PLY, with the number of each face in the input
     Ply,
-    /// Binary STL, triangles alone
+    /// Binary STL, triangles only
     Stl,
 }
 
@@ -99,7 +99,7 @@ pub struct FormArgs {
     /// Format of the files in a folder of parts
     #[arg(long, value_enum, default_value = "ply", value_name = "FORM")]
     pub part_form: PartFile,
-    /// Close the parts of a folder where they were cut off, and their holes: parts of a closed mesh become solids
+    /// Close the parts of a folder where they were cut off, and fill their holes: parts of a closed mesh become solids
     #[arg(long)]
     pub cap: bool,
     /// Add the coordinates of the spectral embedding to .parquet outputs

@@ -37,13 +37,13 @@ pub struct PictureArgs {
     /// Draw no lines between parts and at edges
     #[arg(long)]
     pub no_lines: bool,
-    /// Which axis points up: x, y, z, -x, -y, -z [default: found]
+    /// Axis that points up: x, y, z, -x, -y, -z [default: automatic]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<Up>,
-    /// Degrees to turn around that axis from the view found
+    /// Additional rotation about that axis in degrees, relative to the automatic view
     #[arg(long, value_name = "DEG", default_value_t = 0., allow_hyphen_values = true)]
     pub turn: f64,
-    /// Degrees to look from higher than the view found
+    /// Additional elevation in degrees, relative to the automatic view
     #[arg(long, value_name = "DEG", default_value_t = 0., allow_hyphen_values = true)]
     pub tilt: f64,
     #[command(flatten)]

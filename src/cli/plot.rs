@@ -25,13 +25,13 @@ pub struct PlotArgs {
     /// The work directory
     #[arg(long, value_name = "DIR")]
     pub work_dir: Option<PathBuf>,
-    /// Draw the eigenvalues, .svg or .png, once or more
+    /// Draw the eigenvalues, .svg or .png; repeatable
     #[arg(long, value_name = "FILE")]
     pub eigenvalues: Vec<PathBuf>,
-    /// Draw the hierarchy of parts and its cut, .svg or .png, once or more
+    /// Draw the hierarchy of parts and its cut, .svg or .png; repeatable
     #[arg(long, value_name = "FILE")]
     pub tree: Vec<PathBuf>,
-    /// Number of parts of the cut [default: as in the work directory, or found]
+    /// Number of parts of the cut [default: as in the work directory, or automatic]
     #[arg(short = 'k', long = "parts", value_name = "K", value_parser = clap::value_parser!(u32).range(1..), requires = "tree")]
     pub parts: Option<u32>,
     /// Cut coarser (to -1) or finer (to 1) than the parts found

@@ -45,10 +45,10 @@ pub struct QualityArgs {
     /// Compare samplings, numbers of landmarks and seeds under one σ
     #[arg(long)]
     pub compare: bool,
-    /// Number of seeds, from --seed on, with --compare [default: 5]
+    /// Number of seeds, starting at --seed, with --compare [default: 5]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub seeds: Option<u32>,
-    /// Measure instead how far extrapolated embeddings of six coordinates are from the exact one, up to 5,000 faces
+    /// Measure instead how far extrapolated embeddings in six coordinates are from the exact one, for up to 5,000 faces
     #[arg(long, conflicts_with = "compare")]
     pub embedding: bool,
     /// Kernel from distance to affinity
@@ -61,14 +61,14 @@ pub struct QualityArgs {
     #[arg(long, value_name = "Q", conflicts_with_all = ["sigma", "exact", "embedding"],
           value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub local: Option<u32>,
-    /// Drop eigenvalues of A up to this share of the greatest [default: 0.001 exponential, else
-    /// 0.1/l within 0.001 and 0.01]
+    /// Drop eigenvalues of A up to this fraction of the greatest [default: 0.001 with the exponential kernel, else
+    /// 0.1/l, from 0.001 to 0.01]
     #[arg(long, value_name = "T", conflicts_with = "embedding")]
     pub tolerance: Option<f64>,
     /// Kernel of pivoted Cholesky and of the Γ that greedy sampling maximises
     #[arg(long, value_parser = choice::<Kernel>(), value_name = "KERNEL", default_value = "exponential")]
     pub gamma_kernel: Kernel,
-    /// Compute all distances too, up to 5,000 faces: the exact residual, and for one run the norms of the Schur
+    /// Compute all distances too, for up to 5,000 faces: the exact residual, and for one run the norms of the Schur
     /// complement and the principal angles to the exact eigenvectors, in time cubic in the number of faces
     #[arg(long, conflicts_with = "embedding")]
     pub exact: bool,
@@ -82,7 +82,7 @@ pub struct QualityArgs {
     /// Write one line per run as comma-separated values
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
-    /// Draw the comparison, .svg or .png, once or more
+    /// Draw the comparison, .svg or .png; repeatable
     #[arg(long, value_name = "FILE")]
     pub plot: Vec<PathBuf>,
     #[command(flatten)]
@@ -240,12 +240,12 @@ pub struct StudyArgs {
     /// Runs per seed, two samples each
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub runs: u32,
-    /// Number of seeds, from --seed on
+    /// Number of seeds, starting at --seed
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub seeds: u32,
     #[command(flatten)]
     pub json: JsonArgs,
-    /// Draw the markers of the first seed with their quadrants, .svg or .png, once or more
+    /// Draw the markers of the first seed with their quadrants, .svg or .png; repeatable
     #[arg(long, value_name = "FILE")]
     pub plot: Vec<PathBuf>,
     #[command(flatten)]

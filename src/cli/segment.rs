@@ -25,9 +25,9 @@ pub struct SegmentArgs {
     /// PLY, OBJ, OFF and STL files, also .gz; folders of them; patterns; `-` reads standard input
     #[arg(required = true, value_name = "MESH")]
     pub meshes: Vec<PathBuf>,
-    /// Output, once or more: .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png; a folder, ending in /, for
-    /// one PLY per part; `-` for standard output. For several meshes {} stands for the name of the mesh, as in
-    /// out/{}.seg [default: MESH.segmented.ply]
+    /// Output, repeatable: .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png; a folder, ending in /, for one
+    /// PLY per part; `-` for standard output. For several meshes, {} stands for the name of the mesh, as in out/{}.seg
+    /// [default: MESH.segmented.ply]
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     #[command(flatten)]
@@ -42,7 +42,7 @@ pub struct SegmentArgs {
     pub work_dir: Option<PathBuf>,
     #[command(flatten)]
     pub force: ForceArgs,
-    /// Write one line of JSON per mesh as it is done, to standard output or to FILE; with --resume after what is there
+    /// Write one line of JSON per mesh when it is done, to standard output or to FILE; with --resume, append to FILE
     #[arg(
         long,
         value_name = "FILE",
@@ -52,7 +52,7 @@ pub struct SegmentArgs {
         help_heading = "Many meshes"
     )]
     pub json_lines: Option<PathBuf>,
-    /// Meshes at the same time; they share threads and memory evenly
+    /// Number of meshes processed at the same time; they share threads and memory evenly
     #[arg(
         long,
         value_name = "N",
@@ -61,7 +61,7 @@ pub struct SegmentArgs {
         help_heading = "Many meshes"
     )]
     pub jobs: u16,
-    /// Skip meshes whose outputs a batch with the same options has made, after the mesh was last changed
+    /// Skip meshes whose outputs a batch with the same options has written since the mesh was last changed
     #[arg(long, help_heading = "Many meshes")]
     pub resume: bool,
     #[command(flatten)]
@@ -74,7 +74,7 @@ pub struct SegmentArgs {
     pub run: RunArgs,
     #[command(flatten)]
     pub scratch: ScratchArgs,
-    /// Do not check for free disk space before the start
+    /// Do not check free disk space before starting
     #[arg(long, help_heading = "Running")]
     pub no_plan: bool,
 }

@@ -22,8 +22,8 @@ pub struct SequenceArgs {
     /// A PLY, OBJ, OFF or STL file, also .gz; `-` reads standard input
     #[arg(value_name = "MESH")]
     pub mesh: PathBuf,
-    /// Output, once or more: .ply, the mesh in its new order; .npy, the place of each face; .png, the mesh coloured by
-    /// place; `-` for the mesh on standard output [default: MESH.sequenced.ply, with --compare none]
+    /// Output, repeatable: .ply, the mesh in its new order; .npy, the position of each face in it; .png, the mesh
+    /// coloured by position; `-` for the mesh on standard output [default: MESH.sequenced.ply, with --compare none]
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     /// What to order by [default: spectral]
@@ -32,7 +32,7 @@ pub struct SequenceArgs {
     /// Improve spectral coordinates by N sweeps over the graph
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=100_000))]
     pub smooth: u32,
-    /// Number of landmarks of spectral orders [default: those in the work directory, or 10]
+    /// Number of landmarks for spectral orders [default: those in the work directory, or 10]
     #[arg(short = 'l', long, value_name = "L", value_parser = clap::value_parser!(u32).range(3..=4096))]
     pub landmarks: Option<u32>,
     /// Add the properties original_face and original_vertex to PLY outputs

@@ -65,7 +65,7 @@ pub struct GraphArgs {
 /// Arguments of `rows`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct RowsArgs {
-    /// A PLY, OBJ, OFF or STL file, also .gz [default: the mesh that the work directory is of]
+    /// A PLY, OBJ, OFF or STL file, also .gz [default: the mesh of the work directory]
     #[arg(value_name = "MESH")]
     pub mesh: Option<PathBuf>,
     #[command(flatten)]
@@ -75,7 +75,7 @@ pub struct RowsArgs {
     /// Compute only the I-th of N shares, counted from 0; processes may share the work directory
     #[arg(long, value_name = "I/N", value_parser = parse_shard)]
     pub shard: Option<(usize, usize)>,
-    /// Make what comes before the shares, and stop: shards that a scheduler starts then never wait
+    /// Compute everything that the shares need, then stop, so that shards started by a scheduler never wait
     #[arg(long, conflicts_with = "shard")]
     pub prepare: bool,
     #[command(flatten)]
@@ -89,7 +89,7 @@ pub struct RowsArgs {
 /// Arguments of `share`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ShareArgs {
-    /// What is divided
+    /// The step to divide
     #[arg(value_parser = choice::<ShareStep>())]
     pub step: ShareStep,
     #[command(flatten)]
@@ -129,10 +129,10 @@ pub struct ClusterArgs {
     pub mesh: Option<PathBuf>,
     #[command(flatten)]
     pub place: Place,
-    /// Output, once or more, as in segment [default: only labels.npy and quality.npy in the work directory]
+    /// Output, repeatable, as in segment [default: only labels.npy and quality.npy in the work directory]
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
-    /// Cut this hierarchy of parts instead of the one that was found
+    /// Cut this hierarchy of parts instead of the one in the work directory
     #[arg(long, value_name = "FILE")]
     pub tree: Option<PathBuf>,
     #[command(flatten)]
@@ -178,7 +178,7 @@ pub struct ExportArgs {
     pub mesh: Option<PathBuf>,
     #[command(flatten)]
     pub place: Place,
-    /// Output, once or more, as in segment
+    /// Output, repeatable, as in segment
     #[arg(short, long, value_name = "OUT")]
     pub output: Vec<PathBuf>,
     #[command(flatten)]
@@ -186,7 +186,7 @@ pub struct ExportArgs {
     /// Write the hierarchy of parts as JSON
     #[arg(long, value_name = "FILE")]
     pub tree: Option<PathBuf>,
-    /// Name the parts as in this table: a line per part, its number, a tab, its name
+    /// Name the parts from this table, one line per part: its number, a tab, its name
     #[arg(long, value_name = "TSV", requires = "output")]
     pub names: Option<PathBuf>,
     #[command(flatten)]

@@ -23,7 +23,7 @@ pub struct TransferArgs {
     /// The mesh to label, in the same coordinates
     #[arg(value_name = "TO")]
     pub to: PathBuf,
-    /// Output, once or more, as in segment
+    /// Output, repeatable, as in segment
     #[arg(short, long, value_name = "OUT", required = true)]
     pub output: Vec<PathBuf>,
     /// Labels of FROM, .seg or .npy of any integers, negative for none [default: the property `label` of its faces]
