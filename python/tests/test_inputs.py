@@ -169,7 +169,7 @@ def test_numbers_that_are_none_name_their_option(mesh, cut):
     for name, value in [("detail", 2), ("eta", 2.0), ("landmarks", 10**6), ("parts_range", (5, 2))]:
         with pytest.raises(ValueError, match=f"^{name}: "):
             nystrom_stream.segment("none.ply", **{name: value})
-    with pytest.raises(ValueError, match="^sigma: -1 is no width"):
+    with pytest.raises(ValueError, match="^sigma: -1 is not a width"):
         nystrom_stream.segment("none.ply", parts=3, cluster="kmeans", sigma=-1)
     with pytest.raises(ValueError, match="^hints: hints need the hierarchy of parts; use cluster='parts'"):
         nystrom_stream.segment(*mesh, 3, cluster="kmeans", hints=cut.labels)

@@ -110,8 +110,8 @@ impl Sequence {
             return npy::write(path, &self.order.places, 1, true).map(drop);
         }
         if !ends_with(path, "ply") {
-            let problem = format!("{}: its ending names no known form", path.display());
-            return Err(Error::parameter("path", problem, "end it with .ply or .npy"));
+            let problem = format!("{}: unknown extension", path.display());
+            return Err(Error::parameter("path", problem, "use .ply or .npy"));
         }
         let order = Rearrangement { places: &self.order.places, numbers: &self.order.uses.rank, original: false };
         self.options.with(|context, _| rearranged::write(&self.mesh, path, &order, PlyForm::Same, context))

@@ -53,7 +53,10 @@ fn each_integer<R>(
     };
     let width = usize::from(kind.as_bytes()[1] - b'0');
     if ((data.len() / width) as u64) < len {
-        return Err(wrong(format!("is cut short: {len} items are declared, {} are there", data.len() / width)));
+        return Err(wrong(format!(
+            "is cut short: {len} items are declared, but only {} are present",
+            data.len() / width
+        )));
     }
     for (k, item) in data.chunks_exact(width).take(len as usize).enumerate() {
         let item = read(item, big);
@@ -89,7 +92,7 @@ pub fn open_labels(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>> {
             each_integer(path, label_or_none, "beyond 32 bits", remedy, |label| writer.push(&[label]))?;
             writer.finish(false)
         }
-        _ => Err(Error::unusable(path, "its ending says no known form of labels", "give a .seg or .npy file")),
+        _ => Err(Error::unusable(path, "unknown extension for labels", "give a .seg or .npy file")),
     }
 }
 
@@ -150,7 +153,7 @@ mod tests {
         assert_eq!(read("<i4", &[0, 0, 0, 128, 1, 0, 0, 0]).unwrap(), [-(1 << 31), 1]);
         assert_eq!(read(">i8", &[255; 16]).unwrap(), [-1, -1]);
         assert_eq!(read("<u8", &[255; 16]).unwrap(), [u64::MAX.into(); 2]);
-        assert!(read("<u8", &[255; 15]).unwrap_err().contains("2 items are declared, 1 are there"));
+        assert!(read("<u8", &[255; 15]).unwrap_err().contains("2 items are declared, but only 1 are present"));
         assert!(read("|u1", &[5, 77]).unwrap_err().contains("item 1 is 77, odd"));
         assert!(read("<f4", &[0; 8]).unwrap_err().contains("has items <f4"));
         assert!(read("", &[0; 8]).unwrap_err().contains("has items"));

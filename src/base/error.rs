@@ -74,7 +74,8 @@ pub enum Error {
     },
     /// The disk cannot hold what the work will write.
     #[error(
-        "{}: the work needs {needed} bytes of disk, {available} are free; free some, or put it elsewhere with `temporary_folder` or `work_dir`",
+        "{}: the work needs {needed} bytes of disk space, but only {available} are free; free some, or put the work \
+         elsewhere with `temporary_folder` or `work_dir`",
         shown(path)
     )]
     Disk {
@@ -99,10 +100,7 @@ pub enum Error {
     #[error("interrupted")]
     Cancelled,
     /// A bug in the program: a thread panicked, or an invariant failed.
-    #[error(
-        "internal error: {}; this is a fault of the program: please report it with the command and the mesh",
-        line(problem)
-    )]
+    #[error("internal error: {}; this is a bug: please report it with the command and the mesh", line(problem))]
     Internal {
         /// What happened.
         problem: String,

@@ -107,7 +107,7 @@ pub fn spawn<'scope, T: Send + 'scope>(
 ) -> Result<ScopedJoinHandle<'scope, T>> {
     std::thread::Builder::new().spawn_scoped(scope, work).map_err(|error| {
         let remedy = "use fewer `threads`, or allow the process more threads or memory";
-        Error::unusable("threads", format!("the system refuses another one ({error})"), remedy)
+        Error::unusable("threads", format!("the system refuses another thread ({error})"), remedy)
     })
 }
 

@@ -40,24 +40,22 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(Segme
         check_names(args.edits.names.as_deref(), &outputs, &args.json)?;
     }
     if args.measure && args.json.json.is_none() {
-        return misused(
-            "--measure goes with --json, which tells what is measured; or write a table, as in -o parts.csv",
-        );
+        return misused("--measure requires --json; or write a table, as in -o parts.csv");
     }
     let stdin = meshes.iter().filter(|mesh| mesh.as_os_str() == "-").count();
     if stdin > 0 && (several || args.is_batch()) {
-        return misused("standard input is one mesh; give it alone, and without options for many meshes");
+        return misused("standard input is a single mesh; give it alone, and without options for many meshes");
     }
     if several {
         let fixed = args.output.iter().any(|path| !path.to_string_lossy().contains("{}"));
         if fixed {
             return misused(
-                "-o goes with one mesh; for several, write {} for the name of the mesh, as in -o 'out/{}.seg', or leave \
-                 it out: each gets MESH.segmented.ply",
+                "-o names a single file; for several meshes, write {} for the name of the mesh, as in -o \
+                 'out/{}.seg', or leave it out: each gets MESH.segmented.ply",
             );
         }
         if args.work_dir.is_some() {
-            return misused("--work-dir goes with one mesh");
+            return misused("--work-dir can only be used with a single mesh");
         }
     }
     Ok((params, edits))
@@ -73,7 +71,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let (mut params, mut edits) = check(args, &meshes, several)?;
     let like = match &args.like.like {
         Some(path) if params.cluster != Cluster::Parts => {
-            return Err(CliError::Usage(format!("--like {}: goes with --cluster parts only", path.display())));
+            return Err(CliError::Usage(format!("--like {}: can only be used with --cluster parts", path.display())));
         }
         Some(path) => {
             let place = args.scratch.tmp.clone().unwrap_or_else(std::env::temp_dir);
@@ -123,18 +121,18 @@ fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError
     for mesh in meshes {
         let stem = Output::stem(&mesh);
         if mesh.as_os_str() == "-" && patterns.iter().any(|pattern| pattern.to_string_lossy().contains("{}")) {
-            return Err(CliError::Usage("-o: standard input has no name to put for {}; write one".into()));
+            return Err(CliError::Usage("-o: standard input has no name to replace {}; write a name".into()));
         }
         let itself = mesh.canonicalize().ok();
         let fill = |pattern: &PathBuf| Output::of(Path::new(&pattern.to_string_lossy().replace("{}", &stem)));
         let job = Job::of(mesh, patterns.iter().map(fill).collect::<Result<_, _>>()?);
         for path in job.outputs.iter().filter_map(Output::path) {
             if itself.is_some() && path.canonicalize().ok() == itself {
-                return Err(CliError::Usage(format!("-o: {} is the mesh itself; name another file", path.display())));
+                return Err(CliError::Usage(format!("-o: {} is the mesh itself; choose another file", path.display())));
             }
             if let Some(other) = owner.insert(path.to_path_buf(), job.mesh.clone()) {
                 let (other, mesh, path) = (other.display(), job.mesh.display(), path.display());
-                let remedy = "cut them one by one, each with an -o of its own";
+                let remedy = "cut them one by one, each with its own -o";
                 return Err(CliError::Usage(format!("{other} and {mesh} would both be written to {path}; {remedy}")));
             }
         }

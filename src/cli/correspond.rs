@@ -187,7 +187,7 @@ impl CorrespondArgs {
     fn check_extensions(&self) -> Result<(), CliError> {
         if let Some(path) = self.output.iter().find(|path| !files::is_known(path)) {
             let (path, extensions) = (path.display(), files::EXTENSIONS);
-            return Err(CliError::Usage(format!("-o {path}: its ending says no known form; end it with {extensions}")));
+            return Err(CliError::Usage(format!("-o {path}: unknown extension; use {extensions}")));
         }
         let one = Option::as_slice;
         for (option, paths, extension) in [
@@ -199,7 +199,7 @@ impl CorrespondArgs {
             ("functions", self.functions.as_slice(), "npy"),
         ] {
             if let Some(path) = paths.iter().find(|path| !ends_with(path, extension)) {
-                return Err(CliError::Usage(format!("--{option} {}: end it with .{extension}", path.display())));
+                return Err(CliError::Usage(format!("--{option} {}: wrong extension; use .{extension}", path.display())));
             }
         }
         Ok(())

@@ -53,7 +53,7 @@ impl Like {
     /// Reads the labelled mesh at `path`.
     pub fn read(path: &Path, work: WorkDir, run: &Run) -> Result<Self, CliError> {
         let mesh = mesh::open(path, work.path(), run)?;
-        let remedy = "give a mesh that nystrom-stream segment has written, or edits with `edits`";
+        let remedy = "give a mesh written by nystrom-stream segment, or edits with `edits`";
         let found = LabelledFaces::of_mesh(&mesh, Context::new(&work, run))?;
         let mut found = found.ok_or_else(|| Error::unusable(path, "has no face property `label`", remedy))?;
         let labels = found.labels.clone();
@@ -107,8 +107,8 @@ pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Res
     let Some(path) = table else { return Ok(false) };
     let table = read_names(path)?;
     if table.len() > parts {
-        let problem = format!("names part {}, there are {parts} parts, counted from 0", table.len() - 1);
-        return Err(Error::unusable(path, problem, "take out its line"));
+        let problem = format!("names part {}, but there are only {parts} parts, counted from 0", table.len() - 1);
+        return Err(Error::unusable(path, problem, "remove its line"));
     }
     names.resize(parts, String::new());
     names.iter_mut().zip(table).filter(|(_, new)| !new.is_empty()).for_each(|(name, new)| *name = new);

@@ -124,8 +124,8 @@ mod tests {
         assert_eq!(message(&error), "x.json: of 3 cells; take another");
         let error = Error::Memory { what: "a row", needed: 2, available: 1 };
         assert!(message(&error).ends_with("raise --max-memory or lower --threads or -l"), "{}", message(&error));
-        let error = Error::work_dir("w", "holds no rows", "make them first: stage `rows`, or anew with `force`");
-        let told = "w: holds no rows; make them first: nystrom-stream rows --work-dir …, or anew with --force";
+        let error = Error::work_dir("w", "holds no rows", "compute them first: stage `rows`, or anew with `force`");
+        let told = "w: holds no rows; compute them first: nystrom-stream rows --work-dir …, or anew with --force";
         assert_eq!(message(&error), told);
         for error in [
             Error::io("`work_dir`", "write")(std::io::ErrorKind::StorageFull.into()),

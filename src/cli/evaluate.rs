@@ -92,7 +92,7 @@ fn matches(args: &EvaluateArgs, run: &Run) -> std::result::Result<Outcome, CliEr
         (Some(matches), Some(mesh), [] | [_]) => {
             Ok(evaluate_matches(matches, mesh, args.truth.first().map(PathBuf::as_path), args.samples, run)?)
         }
-        _ => Err(CliError::Usage("--matches: give one --mesh, and one --truth at the most".into())),
+        _ => Err(CliError::Usage("--matches: give one --mesh, and at most one --truth".into())),
     }
 }
 
@@ -162,7 +162,7 @@ fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: 
     let found = files::read(matches)?;
     let real = truth.map(files::read).transpose()?;
     if let Some(real) = real.as_ref().filter(|real| real.len() != found.len()) {
-        let problem = format!("has {} vertices, the matches {}", real.len(), found.len());
+        let problem = format!("has {} vertices, the matches have {}", real.len(), found.len());
         return Err(Error::unusable(truth.unwrap_or(matches), problem, "give the map of this mesh"));
     }
     let work = WorkDir::temporary(&std::env::temp_dir())?;
@@ -171,16 +171,16 @@ fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: 
     let n = graph.len();
     let beyond = |map: &[Option<u32>]| map.iter().flatten().find(|&&v| v as usize >= n).copied();
     if let Some(v) = beyond(&found) {
-        let problem = format!("names vertex {v}, {} has {n}", mesh.display());
+        let problem = format!("names vertex {v}, but {} has only {n} vertices", mesh.display());
         return Err(Error::unusable(matches, problem, "give --mesh the mesh that the matches point to"));
     }
     if let (Some(v), Some(path)) = (real.as_deref().and_then(beyond), truth) {
-        let problem = format!("names vertex {v}, {} has {n}", mesh.display());
+        let problem = format!("names vertex {v}, but {} has only {n} vertices", mesh.display());
         return Err(Error::unusable(path, problem, "give the true matches in this mesh"));
     }
     if real.is_none() && found.len() > n {
-        let problem = format!("is of {} vertices, {} has {n}", found.len(), mesh.display());
-        return Err(Error::unusable(matches, problem, "their numbers do not match; give --truth"));
+        let problem = format!("has {} vertices, but {} has only {n}", found.len(), mesh.display());
+        return Err(Error::unusable(matches, problem, "vertices cannot be matched by number; give --truth"));
     }
     let real = |v: usize| real.as_ref().map_or(Some(v as u32), |real| real[v]);
     let step = found.len().div_ceil(samples.max(1)).max(1);

@@ -172,7 +172,7 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
     let inputs = [args.path.clone(), folder.and_then(recorded_mesh)];
     check_places(inputs.iter().flatten(), folder, &args.json.json)?;
     if args.header && path.is_dir() {
-        return Err(CliError::Usage("--header goes with a mesh; a work directory has no header".into()));
+        return Err(CliError::Usage("--header requires a mesh; a work directory has no header".into()));
     }
     if args.path.is_some() && !path.is_dir() {
         let (text, all) = mesh(path, args, app)?;
@@ -231,7 +231,7 @@ pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), Cl
     for file in &damaged {
         let path = work.file(&file.file);
         let text = format!(
-            "{}: {} (stage {}, {} bytes expected); delete the file, and the command that wrote it makes it anew",
+            "{}: {} (stage {}, {} bytes expected); delete the file and rerun the command that wrote it",
             path.display(),
             file.problem.as_deref().unwrap_or_default(),
             file.stage,
@@ -239,10 +239,10 @@ pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), Cl
         );
         tell_error(bars.style(), &text, Some(&path), Value::Null);
     }
-    let text = format!("{} files, {bytes} bytes: all as they were written\n", all.len());
+    let text = format!("{} files, {bytes} bytes: all intact\n", all.len());
     args.json.publish_or_print(&all, if damaged.is_empty() { &text } else { "" })?;
     if damaged.is_empty() {
         return Ok(());
     }
-    Err(CliError::Reported(format!("{} not as they were written", counted(damaged.len(), "file"))))
+    Err(CliError::Reported(format!("{} damaged", counted(damaged.len(), "file"))))
 }

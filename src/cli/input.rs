@@ -103,7 +103,7 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
                 return Err(Error::unusable(
                     word,
                     "holds no mesh (.ply, .obj, .off, .stl, or these with .gz)",
-                    "name another folder",
+                    "choose another folder",
                 )
                 .into());
             }
@@ -114,14 +114,14 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
             let wrong = |problem: String| CliError::Usage(format!("{text}: {problem}"));
             // As in a shell.
             let options = glob::MatchOptions { require_literal_leading_dot: true, ..glob::MatchOptions::new() };
-            let paths = glob::glob_with(&text, options).map_err(|error| wrong(format!("not a pattern: {error}")))?;
+            let paths = glob::glob_with(&text, options).map_err(|error| wrong(format!("invalid pattern: {error}")))?;
             let found: Vec<PathBuf> = paths.flatten().filter(|path| !is_result(path)).collect();
             if found.is_empty() {
                 return Err(Error::unusable(word, "matches no file", "check the pattern").into());
             }
             all.extend(found);
         } else if !word.exists() && [".json", ".jsonl"].iter().any(|extension| text.ends_with(extension)) {
-            let hint = "is taken for a mesh, and there is no such file; a report is asked for as --json=FILE";
+            let hint = "is taken for a mesh, but there is no such file; to write a report, use --json=FILE";
             return Err(CliError::Usage(format!("{text}: {hint}")));
         } else {
             all.push(word.clone());

@@ -36,7 +36,7 @@ impl From<Error> for CliError {
 
 /// The error for an option that has an effect only with `only`.
 pub fn misfit(option: &str, only: &str) -> CliError {
-    CliError::Usage(format!("{option} goes with {only} only"))
+    CliError::Usage(format!("{option} can only be used with {only}"))
 }
 
 /// A work directory that must exist.

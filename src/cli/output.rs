@@ -68,7 +68,11 @@ impl JsonArgs {
     pub fn publish(&self, report: &impl serde::Serialize) -> Result<()> {
         let Some(target) = &self.json else { return Ok(()) };
         let text = serde_json::to_string_pretty(report).map_err(|error| {
-            Error::unusable(target, format!("the report cannot be told as JSON: {error}"), "report this as a fault")
+            Error::unusable(
+                target,
+                format!("the report cannot be represented as JSON: {error}"),
+                "report this as a bug",
+            )
         })?;
         Sink::of(target).write(&(text + "\n"))
     }
@@ -112,7 +116,7 @@ impl PlyArgs {
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         let is_file = |output: &Output| output.form == Form::Ply;
         if self.split_faces && !outputs.iter().any(is_file) {
-            return Err(CliError::Usage("--split-faces goes with a .ply output; other outputs keep the faces".into()));
+            return Err(CliError::Usage("--split-faces requires a .ply output; other outputs keep the faces".into()));
         }
         let is_ply = |output: &Output| is_file(output) || output.form == Form::Folder;
         let (file, any) = (outputs.iter().any(is_file), outputs.iter().any(is_ply));
@@ -122,7 +126,7 @@ impl PlyArgs {
             (self.ply_form != PlyForm::Same && !any, "--ply-form"),
         ];
         match given.into_iter().find(|(idle, _)| *idle) {
-            Some((_, option)) => Err(CliError::Usage(format!("{option} goes with a .ply output"))),
+            Some((_, option)) => Err(CliError::Usage(format!("{option} requires a .ply output"))),
             None => Ok(()),
         }
     }
@@ -165,7 +169,7 @@ impl FormArgs {
             (self.embedding_columns && !table, "--embedding-columns", a_table),
         ];
         match rules.into_iter().find(|(broken, ..)| *broken) {
-            Some((_, option, output)) => Err(CliError::Usage(format!("{option} goes with {output}"))),
+            Some((_, option, output)) => Err(CliError::Usage(format!("{option} requires {output}"))),
             None => Ok(()),
         }
     }
@@ -200,8 +204,8 @@ impl Output {
         }
         let unknown = || {
             CliError::Usage(format!(
-                "-o {}: unknown ending; end it with .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png, or \
-                 with / for a folder with one PLY per part",
+                "-o {}: unknown extension; use .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png, or end \
+                 the path with / for a folder with one PLY per part",
                 path.display()
             ))
         };
@@ -304,7 +308,8 @@ pub fn check_folders<'a>(
     };
     match files.into_iter().find(clashes) {
         Some(path) => {
-            let text = "lies in a folder of parts, which has a file of this name; name another file or folder";
+            let text = "lies in a folder of parts, which will contain a file of this name; choose another file or \
+                        folder";
             Err(CliError::Usage(format!("{}: {text}", path.display())))
         }
         None => Ok(()),
@@ -321,7 +326,7 @@ pub fn closing_line(faces: &str, parts: usize, start: Instant, outputs: &[Output
 /// Rejects a table of names if neither any of `outputs` nor `json` would contain them.
 pub fn check_names(names: Option<&Path>, outputs: &[Output], json: &JsonArgs) -> Result<(), CliError> {
     if names.is_some() && json.json.is_none() && !outputs.iter().any(Output::holds_names) {
-        let text = "--names goes with --json or an output that holds names: any but .seg and .npy";
+        let text = "--names requires --json or an output that holds names: any except .seg and .npy";
         return Err(CliError::Usage(text.into()));
     }
     Ok(())
@@ -346,7 +351,7 @@ impl std::fmt::Display for Significant {
 /// Rejects charts in an unknown format before any work.
 pub fn check_charts(option: &str, paths: &[PathBuf]) -> Result<(), CliError> {
     match paths.iter().find(|path| !["svg", "png"].iter().any(|ending| ends_with(path, ending))) {
-        Some(path) => Err(CliError::Usage(format!("{option} {}: no chart; end it with .svg or .png", path.display()))),
+        Some(path) => Err(CliError::Usage(format!("{option} {}: unknown extension; use .svg or .png", path.display()))),
         None => Ok(()),
     }
 }

@@ -82,8 +82,8 @@ impl PictureArgs {
         let stdin = self.mesh.as_os_str() == "-";
         match &self.output {
             Some(path) if ends_with(path, "png") => Ok(path.clone()),
-            Some(path) => Err(CliError::Usage(format!("-o {}: a picture is a PNG; end it with .png", path.display()))),
-            None if stdin => Err(CliError::Usage("-o: standard input has no name; say where the picture goes".into())),
+            Some(path) => Err(CliError::Usage(format!("-o {}: pictures are PNG files; use .png", path.display()))),
+            None if stdin => Err(CliError::Usage("-o: standard input has no name; give -o OUT.png".into())),
             None => Ok(self.mesh.with_extension("png")),
         }
     }
@@ -124,7 +124,7 @@ pub(super) fn labelled(
 ) -> Result<Option<LabelledFaces>, CliError> {
     let Some(path) = given else { return Ok(LabelledFaces::of_mesh(mesh, context)?) };
     if !["seg", "npy"].iter().any(|ending| ends_with(path, ending)) {
-        let text = format!("--labels {}: unknown ending; give a .seg or .npy file", path.display());
+        let text = format!("--labels {}: unknown extension; give a .seg or .npy file", path.display());
         return Err(CliError::Usage(text));
     }
     Ok(Some(LabelledFaces::of_file(path, mesh, context.work)?))

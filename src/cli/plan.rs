@@ -72,7 +72,7 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
 
 pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     if args.mesh.as_os_str() == "-" {
-        let text = "standard input has no size and no header to go by before it is read; name a file";
+        let text = "the size of standard input is unknown until it is read; name a file";
         return Err(CliError::Usage(text.into()));
     }
     check_places([&args.mesh], None, &args.json.json)?;

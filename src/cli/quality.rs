@@ -95,10 +95,10 @@ pub struct QualityArgs {
 fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
     check_charts("--plot", &args.plot)?;
     if !args.plot.is_empty() && !args.compare {
-        return Err(CliError::Usage("--plot goes with --compare: it draws a comparison".into()));
+        return Err(CliError::Usage("--plot requires --compare: it draws a comparison".into()));
     }
     if args.csv.is_some() && args.embedding {
-        return Err(CliError::Usage("--csv goes without --embedding: it has a line for each sample".into()));
+        return Err(CliError::Usage("--csv cannot be used with --embedding: it has one line per sample".into()));
     }
     if args.seeds.is_some() && !args.compare {
         return Err(misfit("--seeds", "--compare"));
@@ -119,7 +119,7 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
     };
     let several = samplings.len() > 1 || args.landmarks.len() > 1 || args.meshes.len() > 1;
     if several && !args.compare && !(args.embedding && samplings.len() == 1) {
-        return Err(CliError::Usage("several meshes, samplings or numbers of landmarks go with --compare".into()));
+        return Err(CliError::Usage("several meshes, samplings or numbers of landmarks require --compare".into()));
     }
     let mut landmarks: Vec<usize> = args.landmarks.iter().map(|&l| l as usize).collect();
     landmarks.sort_unstable();
@@ -255,7 +255,10 @@ pub struct StudyArgs {
 pub fn study(args: &StudyArgs, app: &AppContext) -> Result<(), CliError> {
     check_charts("--plot", &args.plot)?;
     if args.landmarks > args.points {
-        return Err(CliError::Usage(format!("-l: {} of {} points; choose fewer", args.landmarks, args.points)));
+        return Err(CliError::Usage(format!(
+            "-l: {} landmarks for {} points; choose fewer",
+            args.landmarks, args.points
+        )));
     }
     check_places([], None, args.plot.iter().chain(&args.json.json))?;
     let bars = args.run.bars();

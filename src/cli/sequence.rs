@@ -82,7 +82,7 @@ impl Target {
             Some("ply") => Ok(Self::Ply(path.into())),
             Some("npy") => Ok(Self::Npy(path.into())),
             Some("png") => Ok(Self::Png(path.into())),
-            _ => Err(CliError::Usage(format!("-o {}: unknown ending; end it with .ply, .npy or .png", path.display()))),
+            _ => Err(CliError::Usage(format!("-o {}: unknown extension; use .ply, .npy or .png", path.display()))),
         }
     }
 
@@ -100,10 +100,10 @@ fn check(args: &SequenceArgs) -> Result<Vec<Target>, CliError> {
     let misused = |text: &str| Err(CliError::Usage(text.into()));
     let spectral = args.order() == SequenceOrder::Spectral || args.compare;
     if args.smooth > 0 && !spectral {
-        return misused("--smooth goes with --order spectral");
+        return misused("--smooth requires --order spectral");
     }
     if args.landmarks.is_some() && !spectral {
-        return misused("-l goes with --order spectral");
+        return misused("-l requires --order spectral");
     }
     let mut targets = args.output.iter().map(|path| Target::of(path)).collect::<Result<Vec<_>, _>>()?;
     let stdin = args.mesh.as_os_str() == "-";
@@ -115,12 +115,12 @@ fn check(args: &SequenceArgs) -> Result<Vec<Target>, CliError> {
         return misused("mesh and measures cannot both go to standard output; give -o FILE");
     }
     if args.order.is_some() && targets.is_empty() {
-        return misused("--order goes with an output; --compare alone compares all orders");
+        return misused("--order requires an output; --compare alone compares all orders");
     }
     let ply = [(args.original, "--original"), (args.ply_form != PlyForm::Same, "--ply-form")];
     let is_ply = |target: &Target| matches!(target, Target::Ply(_) | Target::Stdout);
     if let Some((_, option)) = ply.iter().find(|(given, _)| *given && !targets.iter().any(is_ply)) {
-        return misused(&format!("{option} goes with a .ply as output"));
+        return misused(&format!("{option} requires a .ply output"));
     }
     Ok(targets)
 }

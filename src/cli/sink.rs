@@ -48,7 +48,7 @@ impl Sink {
         let folder = folder_of(path);
         if !folder.is_dir() {
             let problem = format!("its folder {} does not exist", folder.display());
-            return Err(Error::unusable(path, problem, "make it first"));
+            return Err(Error::unusable(path, problem, "create it first"));
         }
         tempfile::tempfile_in(folder).map(drop).map_err(Error::io(path, "create"))
     }
@@ -73,7 +73,7 @@ impl Sink {
         let file = opened.map_err(Error::io(path, "open"))?;
         if is_file {
             if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
-                return Err(Error::unusable(path, "is written to by another run", "give each run a file of its own"));
+                return Err(Error::unusable(path, "is being written by another run", "give each run its own file"));
             }
             if !continued {
                 file.set_len(0).map_err(Error::io(path, "truncate"))?;
@@ -124,7 +124,7 @@ pub fn check_outside<'a>(
         |path: &&PathBuf| path.as_path() != Path::new("-") && place(path).is_some_and(|at| at.starts_with(&folder));
     match outputs.into_iter().find(inside) {
         Some(path) => {
-            Err(CliError::Usage(format!("{}: lies in the work directory; name another folder", path.display())))
+            Err(CliError::Usage(format!("{}: lies in the work directory; choose another folder", path.display())))
         }
         None => Ok(()),
     }
@@ -187,16 +187,16 @@ pub fn check_distinct<'a>(
         let partial = place(&partial_name(path)).unwrap_or_default();
         let Some(place) = place(path) else { continue };
         let problem = match () {
-            () if inputs.contains(&place) => "is an input, and would be overwritten; name another file",
+            () if inputs.contains(&place) => "is an input, and would be overwritten; choose another file",
             () if inputs.contains(&partial) => {
-                "has .partial behind while it is written, as an input; name another file"
+                "is written to a .partial file first, which is an input; choose another file"
             }
             () if seen.insert(place) => continue,
             () if path == stdout => {
                 let text = "-: two outputs cannot both go to standard output; give one of them a file";
                 return Err(CliError::Usage(text.into()));
             }
-            () => "two outputs cannot have one name; name another file",
+            () => "two outputs cannot have the same name; choose another file",
         };
         return Err(CliError::Usage(format!("{}: {problem}", path.display())));
     }

@@ -255,7 +255,7 @@ fn shared(step: ShareStep, args: &RowsArgs, mut params: SegmentParams, app: &App
     // The content of a stream is known only after reading it.
     let streams = args.mesh.as_ref().is_some_and(|path| path == Path::new("-") || is_pipe(path));
     if streams && (args.shard.is_some() || args.prepare) {
-        let text = "a mesh that streams cannot be shared; begin with `graph`, and leave MESH out here";
+        let text = "a mesh read from a stream cannot be shared; start with `graph`, and leave out MESH here";
         return Err(CliError::Usage(text.into()));
     }
     let spooled = args.mesh.is_none() && record.as_ref().is_some_and(Record::is_spooled);
@@ -463,7 +463,7 @@ fn open_mesh(
     let path = mesh_path(moved, record, work.path())?;
     let opened = open_file(&path, context.work.path(), context.run)?;
     if faces.is_some_and(|faces| opened.faces.len() != faces) {
-        return Err(Error::unusable(&path, "has another number of faces than labels", "name the right mesh"));
+        return Err(Error::unusable(&path, "has a different number of faces than the labels", "give the right mesh"));
     }
     Ok(opened)
 }
@@ -481,10 +481,10 @@ fn mesh_path(moved: Option<&Path>, record: &Record, folder: &Path) -> Result<Pat
     let path = moved.map_or_else(|| record.path(folder), Path::to_path_buf);
     if moved.is_none() && !path.exists() {
         let remedy = format!("give its new path before --work-dir {}", folder.display());
-        return Err(Error::unusable(path, "is no longer where the work directory knows it", remedy));
+        return Err(Error::unusable(path, "is no longer at the path recorded in the work directory", remedy));
     }
     if !record.is_of(&path)? {
-        return Err(Error::unusable(path, "is not the mesh that the work directory is of", "name that mesh"));
+        return Err(Error::unusable(path, "is not the mesh of the work directory", "give that mesh"));
     }
     Ok(path)
 }

@@ -60,7 +60,7 @@ fn without_its_companion(error: &Error, subcommand: Option<&Command>) -> Option<
     let pair = TOGETHER
         .iter()
         .find(|(given, other)| is_given(given) && missing.iter().any(|name| name == other) && !is_needed(other));
-    pair.map(|(given, other)| format!("{given} goes with {other}; give both"))
+    pair.map(|(given, other)| format!("{given} requires {other}; give both"))
 }
 
 /// Words of the context of `error`.
@@ -119,9 +119,9 @@ fn message(error: &Error) -> Option<String> {
         Kind::ValueValidation => {
             let reason = std::error::Error::source(error).map_or(String::new(), |source| source.to_string());
             let reason = match reason.as_str() {
-                "invalid digit found in string" => "not a whole number from 0 on".into(),
+                "invalid digit found in string" => "not a whole number of 0 or more".into(),
                 "number too large to fit in target type" => "too large".into(),
-                "cannot parse integer from empty string" => "no number".into(),
+                "cannot parse integer from empty string" => "a number is missing".into(),
                 "invalid float literal" => "not a number".into(),
                 _ => match reason.split_once(" is not in ").and_then(|(_, range)| range.split_once("..=")) {
                     Some((least, most)) => format!("out of range; choose from {least} to {most}"),

@@ -196,7 +196,7 @@ impl Journal {
     /// [`Error::Io`].
     pub fn append(&self, item: &impl Serialize) -> Result<()> {
         let body = serde_json::to_string(item)
-            .map_err(|error| Error::internal(&format!("the journal cannot be told as JSON: {error}")))?;
+            .map_err(|error| Error::internal(&format!("the journal cannot be represented as JSON: {error}")))?;
         let line = format!("{:016x} {body}\n", xxh3_64(body.as_bytes()));
         let mut file = lock(&self.file);
         file.write_all(line.as_bytes()).map_err(Error::io(&self.path, "write"))?;

@@ -183,7 +183,7 @@ impl DistanceRows {
     /// # Errors
     /// [`Error::WorkDir`] if there are none, or if they are those of another graph.
     pub fn kept(graph: &str, nodes: usize, work: &WorkDir) -> Result<Self> {
-        let remedy = "make them first: stage `rows`";
+        let remedy = "compute them first: stage `rows`";
         let none = || Error::work_dir(work.path(), "holds no rows", remedy);
         let kept = work.finished_stage::<RowsStage<'_>>(remedy)?;
         let manifest = work.manifest();
@@ -199,7 +199,7 @@ impl DistanceRows {
         let landmarks = work.indices(LANDMARKS, facts.len(), nodes)?.to_vec();
         let distances = work.array_of(ROWS, landmarks.len() * nodes)?;
         if !facts.iter().all(|row| row.is_sound(nodes)) {
-            return Err(work.damaged("manifest.json", "has sums of rows that no rows have"));
+            return Err(work.damaged("manifest.json", "has sums that no rows can have"));
         }
         Ok(Self { landmarks, distances, facts, nodes, key })
     }

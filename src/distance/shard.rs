@@ -44,8 +44,8 @@ pub fn compute(
 ) -> Result<usize> {
     let whole = job_spec(&graph.key, nodes.len(), &params, context.run);
     if shard >= of || of > whole.rows {
-        let problem = format!("{shard}/{of} is no shard of {} rows", whole.rows);
-        return Err(Error::parameter("shard", problem, "count shards from 0, and make no more than rows"));
+        let problem = format!("{shard}/{of} is not a shard of {} rows", whole.rows);
+        return Err(Error::parameter("shard", problem, "count shards from 0, and use at most one per row"));
     }
     let spec = JobSpec { shard, of, ..whole };
     if DistanceRows::is_done(&spec, context.work) {
@@ -173,7 +173,7 @@ fn find(work: &WorkDir) -> Result<Vec<Shard>> {
                 return Err(damaged(work, shard, first.of, &problem));
             }
             Some((spec, _)) if spec.key != first.key => {
-                return Err(damaged(work, spec.shard, spec.of, "it was computed with other options than shard 0"));
+                return Err(damaged(work, spec.shard, spec.of, "it was computed with different options than shard 0"));
             }
             _ => {
                 let remedy = format!("compute rows with `shard` {shard}/{} and the options of the others", first.of);
@@ -183,12 +183,17 @@ fn find(work: &WorkDir) -> Result<Vec<Shard>> {
         }
     }
     if found.len() > first.of {
-        return Err(damaged(work, found[first.of].0.shard, found[first.of].0.of, "it belongs to another division"));
+        return Err(damaged(
+            work,
+            found[first.of].0.shard,
+            found[first.of].0.of,
+            "it belongs to a different division into shards",
+        ));
     }
     let open = |(spec, entries): (JobSpec, _)| {
         let rows = work.open_array::<f32>(&format!("{}.npy", stem(spec.shard, spec.of)))?;
         if rows.len() != spec.wanted() * spec.nodes {
-            return Err(damaged(work, spec.shard, spec.of, "it has another size than it should"));
+            return Err(damaged(work, spec.shard, spec.of, "its size is wrong"));
         }
         Ok(Shard { spec, entries, rows })
     };

@@ -253,8 +253,8 @@ impl SharedFront<'_> {
     /// [`Error::Parameter`] for a share that does not exist, [`Error::Io`], [`Error::Cancelled`].
     pub fn share(&self, (shard, of): (usize, usize), fixed: &Fixed<'_>, context: Context<'_>) -> Result<usize> {
         if shard >= of || of > self.grains() {
-            let problem = format!("{shard}/{of} is no share of {} runs of faces", self.grains());
-            return Err(Error::parameter("shard", problem, "count shares from 0, and make fewer"));
+            let problem = format!("{shard}/{of} is not a share of {} runs of faces", self.grains());
+            return Err(Error::parameter("shard", problem, "count shares from 0, and use fewer"));
         }
         let Context { work, run } = context;
         let (own, stem) = (self.own(shard, of), self.stem(shard, of));

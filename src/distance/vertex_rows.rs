@@ -221,7 +221,7 @@ mod tests {
         let mut manifest: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
         manifest["stages"]["vertex rows"]["facts"][0]["sum"] = json!(-1.);
         std::fs::write(&path, manifest.to_string()).unwrap();
-        assert!(rows().unwrap_err().to_string().contains("sums of rows that no rows have"));
+        assert!(rows().unwrap_err().to_string().contains("sums that no rows can have"));
     }
 
     /// Regression: files had room for as many rows as were requested, and the next run found them too large.

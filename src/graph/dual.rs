@@ -149,7 +149,7 @@ impl DualGraph {
     /// # Errors
     /// [`crate::base::Error::WorkDir`] if there is none or its files are missing or damaged.
     pub fn kept(work: &WorkDir) -> Result<(Self, Value)> {
-        let kept = work.finished_stage::<GraphStage<'_>>("make it with the options of before: stage `record`")?;
+        let kept = work.finished_stage::<GraphStage<'_>>("recreate it with the original options: stage `record`")?;
         Ok((Self::open(work, kept.facts, StartsForm::Packed, kept.key)?, kept.inputs["input"].clone()))
     }
 
@@ -159,11 +159,10 @@ impl DualGraph {
     /// # Errors
     /// [`Error::WorkDir`] if there is none, [`Error::Io`], [`Error::Malformed`].
     pub(crate) fn prepared(key: String, n: usize, work: &WorkDir) -> Result<Self> {
-        let facts =
-            work.recorded_facts::<GraphStage<'_>>().ok_or_else(|| work.damaged(MANIFEST, "tells of no graph"))?;
+        let facts = work.recorded_facts::<GraphStage<'_>>().ok_or_else(|| work.damaged(MANIFEST, "has no graph"))?;
         let graph = Self::open(work, facts, StartsForm::Packed, key)?;
         if graph.nodes.len() != n {
-            return Err(work.damaged(MANIFEST, "tells of another number of faces"));
+            return Err(work.damaged(MANIFEST, "has another number of faces"));
         }
         // A front over negative lengths would not terminate.
         if !graph.edges.centroid_distance.iter().all(|length| *length >= 0.) {
@@ -235,7 +234,7 @@ impl DualGraph {
         let edges = DualEdges::open(work, n, form, steps, Some(edge))?;
         let sizes = [facts.area, facts.frame.scale];
         if n == 0 || !sizes.iter().all(|size| size.is_finite() && *size >= 0.) {
-            return Err(work.damaged(MANIFEST, "tells of no graph"));
+            return Err(work.damaged(MANIFEST, "has no graph"));
         }
         let components = if facts.components > 1 { Some(work.array_of::<u32>(components::FILE, n)?) } else { None };
         if let Some(roots) = &components

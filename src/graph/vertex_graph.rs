@@ -88,7 +88,7 @@ fn check_size(vertices: usize, path: &Path) -> Result<()> {
     if vertices as u64 <= MOST_VERTICES {
         return Ok(());
     }
-    let problem = format!("has {vertices} vertices, which are numbered in 31 bits, up to {MOST_VERTICES}");
+    let problem = format!("has {vertices} vertices, but at most {MOST_VERTICES} are supported");
     Err(Error::unusable(path, problem, "cut it into several meshes, or decimate it"))
 }
 
@@ -137,7 +137,7 @@ impl VertexGraph {
         let by_vertex = RangeBuckets::new(n, shuffle.buckets());
         scatter(mesh, shuffle, by_vertex, context.run)?;
         if shuffle.is_empty() {
-            let problem = "has no triangle of three different vertices with positions";
+            let problem = "has no triangle with three distinct vertices and finite coordinates";
             return Err(Error::unusable(path, problem, "give another mesh"));
         }
         let mut writer = VertexGraphWriter::create(n, 2 * records as usize, context)?;

@@ -450,8 +450,8 @@ pub fn check_size(faces: u64, corners: u64, path: &Path) -> Result<()> {
         return Ok(());
     }
     let problem = format!(
-        "has {faces} faces with {corners} corners; both are numbered in 32 bits, which ends at {MOST_FACES} faces and \
-         {MOST_CORNERS} corners"
+        "has {faces} faces with {corners} corners, but at most {MOST_FACES} faces and {MOST_CORNERS} corners are \
+         supported"
     );
     Err(Error::unusable(path, problem, "cut it into several meshes, or decimate it"))
 }

@@ -245,7 +245,7 @@ fn copy(path: &Path, source: &mut impl Read, (to, room): (&Path, u64), file: &mu
             return Err(Error::unusable(
                 path,
                 problem,
-                "name a folder with more room with `temporary_folder` or `work_dir`",
+                "choose a folder with more space with `temporary_folder` or `work_dir`",
             ));
         }
         file.write_all(&buffer[..count]).map_err(Error::io(to, "write"))?;

@@ -98,11 +98,11 @@ fn each_label(
                 path,
                 format!("line {}", number + 1),
                 format!("{} is not a label", super::ply::header::shown(line)),
-                "a .seg file has one number from 0 on a line, for every face",
+                "a .seg file has one whole number of 0 or more per line, one line per face",
             )
         })?)?;
     }
-    if any { Ok(()) } else { Err(Error::unusable(path, "has no labels", "give a file with one label a line")) }
+    if any { Ok(()) } else { Err(Error::unusable(path, "has no labels", "give a file with one label per line")) }
 }
 
 #[cfg(test)]

@@ -81,7 +81,7 @@ fn head_of(path: &Path, bytes: &[u8]) -> Result<Vec<u8>> {
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unusable`].
 pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
     if is_pipe(path) {
-        return Err(Error::unusable(path, "is a pipe, whose size shows only when it is read", "name a file"));
+        return Err(Error::unusable(path, "is a pipe, whose size is unknown until it is read", "name a file"));
     }
     let bytes = MappedBytes::open(path)?;
     let compressed = import::is_compressed(&bytes);
@@ -91,8 +91,8 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
     }
     if !import::is_ply(path, if compressed { &head } else { &bytes[..] }) {
         if compressed {
-            let problem = "is compressed and no PLY, so its size shows only when it is read";
-            return Err(Error::unusable(path, problem, "uncompress it first"));
+            let problem = "is compressed and not a PLY, so its size is unknown until it is read";
+            return Err(Error::unusable(path, problem, "decompress it first"));
         }
         if let Some(counts) = import::count(path, &bytes)? {
             if counts.faces == 0 {

@@ -19,13 +19,13 @@ use std::path::Path;
 pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -> Result<()> {
     admitted(force, context, |work| {
         if work.is_of_two() {
-            return Err(of_another(path, "is of two meshes, made by `correspond`".into(), work));
+            return Err(of_another(path, "belongs to two meshes: it was made by `correspond`".into(), work));
         }
         let here = std::path::absolute(path).unwrap_or(path.to_path_buf());
         let Ok(record) = Record::read(work) else {
             return match recorded_mesh(work) {
                 Some(mesh) if mesh != here => {
-                    Err(of_another(path, format!("is of another mesh, {}", mesh.display()), work))
+                    Err(of_another(path, format!("belongs to another mesh, {}", mesh.display()), work))
                 }
                 // A directory without a record is not protected: the stages check their own inputs.
                 _ => Ok(()),
@@ -36,10 +36,10 @@ pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -
         }
         let has = |key: &str| record.identity.get(key).is_some();
         let problem = match record.mesh.display() {
-            _ if has("content") => "is of another mesh, one of arrays".into(),
-            _ if has("stdin") => "is of another mesh, one from standard input".into(),
-            mesh if record.mesh == here => format!("is of {mesh} as it was before it changed"),
-            mesh => format!("is of another mesh, {mesh}"),
+            _ if has("content") => "belongs to another mesh, made from arrays".into(),
+            _ if has("stdin") => "belongs to another mesh, from standard input".into(),
+            mesh if record.mesh == here => format!("belongs to an earlier version of {mesh}"),
+            mesh => format!("belongs to another mesh, {mesh}"),
         };
         Err(of_another(path, problem, work))
     })
@@ -54,7 +54,7 @@ pub fn admit(path: &Path, identity: &Value, force: bool, context: Context<'_>) -
 pub fn admit_two(paths: [&Path; 2], identities: &[Value; 2], force: bool, context: Context<'_>) -> Result<()> {
     admitted(force, context, |work| {
         if let Some(mesh) = recorded_mesh(work) {
-            return Err(of_another(paths[0], format!("is of one mesh, {}", mesh.display()), work));
+            return Err(of_another(paths[0], format!("belongs to one mesh, {}", mesh.display()), work));
         }
         for ((path, identity), side) in paths.into_iter().zip(identities).zip(["a", "b"]) {
             let folder = work.file(side);
@@ -65,8 +65,8 @@ pub fn admit_two(paths: [&Path; 2], identities: &[Value; 2], force: bool, contex
             let Some(stage) = inner.manifest().stages.remove("vertex graph") else { continue };
             if !same(identity, &stage.inputs["input"]) {
                 let problem = match stage.inputs["input"]["file"].as_str() {
-                    Some(name) => format!("is of another mesh, {name}, or of it as it was before it changed"),
-                    None => "is of another mesh".into(),
+                    Some(name) => format!("belongs to another mesh, {name}, or to an earlier version of it"),
+                    None => "belongs to another mesh".into(),
                 };
                 return Err(of_another(path, problem, &inner));
             }
@@ -104,6 +104,6 @@ fn admitted(force: bool, context: Context<'_>, check: impl FnOnce(&WorkDir) -> R
 
 /// The error for working on the mesh at `path` in `work`, which belongs to another mesh; `problem` describes that.
 fn of_another(path: &Path, problem: String, work: &WorkDir) -> Error {
-    let remedy = format!("name another folder, or make it anew for {} with `force`", path.display());
+    let remedy = format!("choose another folder, or reuse this one for {} with `force`", path.display());
     Error::work_dir(work.path(), problem, remedy)
 }

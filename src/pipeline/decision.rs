@@ -108,13 +108,13 @@ impl Stage for DecisionStage<'_> {
     fn open(self, facts: DecisionFacts, _: &str, context: Context<'_>) -> Result<Self::Output> {
         let (nodes, landmarks) = (self.surface.graph.nodes.len(), &facts.numbers.landmarks);
         if landmarks.iter().any(|&node| node as usize >= nodes) {
-            return Err(context.work.damaged(MANIFEST, "tells of landmarks that do not exist"));
+            return Err(context.work.damaged(MANIFEST, "refers to landmarks that do not exist"));
         }
         let cells = self.surface.surface.cells()?.len();
         let decided = open(cells, context.work)?;
         let is_wall: Vec<bool> = context.work.open_array::<u32>(WALLS)?.iter().map(|&wall| wall > 0).collect();
         if !is_wall.is_empty() && is_wall.len() != cells {
-            return Err(context.work.damaged(WALLS, "tells of other cells"));
+            return Err(context.work.damaged(WALLS, "has another number of cells"));
         }
         Ok((PartDecision { enclosed: facts.enclosed, is_wall, ..decided }, facts))
     }
@@ -184,7 +184,7 @@ pub fn tree_of(work: &WorkDir, exact: bool) -> Result<PartTree> {
             return checked(&decided.json_text(TREE)?, &decided.place(TREE));
         }
     }
-    let remedy = "make one: stage `labels`";
+    let remedy = "compute one: stage `labels`";
     Err(Error::work_dir(work.path(), "holds no hierarchy of parts of its mesh", remedy))
 }
 
@@ -199,12 +199,12 @@ fn check_labels(work: &WorkDir, decided: &WorkDir) -> Result<()> {
     let decision = decided.manifest().stages.remove(DecisionStage::NAME);
     if decision.as_ref().is_some_and(|decision| decision.version != DecisionStage::VERSION) {
         let problem = "its hierarchy of parts was made by another version of the program";
-        return Err(Error::work_dir(work.path(), problem, "cut it once more: stage `labels`"));
+        return Err(Error::work_dir(work.path(), problem, "cut it again: stage `labels`"));
     }
     match labels::decision_of(work) {
         Some(cut_from) if decision.is_some_and(|decision| decision.key != cut_from) => {
             let problem = "its hierarchy of parts is not the one that its labels were cut from";
-            Err(Error::work_dir(work.path(), problem, "cut it once more: stage `labels`"))
+            Err(Error::work_dir(work.path(), problem, "cut it again: stage `labels`"))
         }
         _ => Ok(()),
     }
@@ -330,7 +330,7 @@ pub fn read_tree(path: &Path) -> Result<PartTree> {
 
 /// Parses and checks the hierarchy in `text`, the content of `path`.
 fn checked(text: &[u8], path: &Path) -> Result<PartTree> {
-    let wrong = |problem: String| Error::malformed(path, "tree", problem, "make it again: stage `tree`");
+    let wrong = |problem: String| Error::malformed(path, "tree", problem, "write it again: stage `tree`");
     let tree: PartTree = serde_json::from_slice(text).map_err(|error| wrong(error.to_string()))?;
     match tree.check() {
         Err(Error::Parameter { problem, .. }) => Err(wrong(problem)),

@@ -125,7 +125,7 @@ impl Corrections<'_> {
         let Some(edits) = self.edits() else { return Ok(()) };
         match nodes.iter().position(|nodes| nodes.iter().any(|&node| own(node))) {
             Some(number) => {
-                let problem = format!("a place of it is on {what}, with a label of their own");
+                let problem = format!("one of its places is on {what}, which have a separate label");
                 Err(edits.wrong(number, problem, "remove the edit, or leave them with the parts beside them"))
             }
             None => Ok(()),
@@ -279,7 +279,7 @@ fn around(edits: &Edits, tree: &PartTree, own: &State<'_>, kept: &[Option<usize>
     let rest = if outside.is_empty() { 0 } else { parts.saturating_sub(ids.len()) };
     let few = |_| {
         let last = own.protected.values().copied().max().unwrap_or(0);
-        let problem = format!("{} protected parts and the others cannot be {parts} parts", ids.len());
+        let problem = format!("{} protected parts and the rest cannot make {parts} parts", ids.len());
         edits.wrong(last, problem, "ask for another number of parts, or remove the edit")
     };
     let pieces = if outside.is_empty() { Vec::new() } else { tree.split(&outside, rest).map_err(few)? };

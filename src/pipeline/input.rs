@@ -171,9 +171,9 @@ impl Record {
     /// # Errors
     /// [`Error::WorkDir`] if there is none.
     pub fn read(work: &WorkDir) -> Result<Self> {
-        let remedy = "make it first: stage `record`";
+        let remedy = "create it first: stage `record`";
         let stage = work.manifest().stages.remove(RECORD);
-        let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "does not say which mesh it is of", remedy))?;
+        let stage = stage.ok_or_else(|| Error::work_dir(work.path(), "does not record its mesh", remedy))?;
         let (facts, inputs) = (&stage.facts, &stage.inputs);
         let same = [("identity", "input"), ("params", "params"), ("seed", "seed")];
         if stage.version != RECORD_VERSION {
@@ -182,12 +182,12 @@ impl Record {
         }
         let made = stage.key == key_of(RECORD, RECORD_VERSION, inputs);
         if !made || same.iter().any(|(a, b)| facts[a] != inputs[b]) {
-            return Err(work.damaged(MANIFEST, "tells of other options than those of the run"));
+            return Err(work.damaged(MANIFEST, "has different options than the run"));
         }
         let record: Self = serde_json::from_value(stage.facts)
             .map_err(|error| Error::work_dir(work.path(), format!("its record cannot be read: {error}"), remedy))?;
         if !record.mesh.is_absolute() {
-            return Err(work.damaged(MANIFEST, "does not say where the mesh lies"));
+            return Err(work.damaged(MANIFEST, "does not record the path of the mesh"));
         }
         Ok(record)
     }

@@ -296,7 +296,7 @@ impl Labels {
     /// # Errors
     /// [`crate::base::Error::WorkDir`] if there are none.
     pub fn read(work: &WorkDir) -> Result<Self> {
-        let remedy = "make them first: stage `labels`";
+        let remedy = "compute them first: stage `labels`";
         let facts = work.finished_stage_named::<LabelFacts>(STAGE, LABELS_VERSION, remedy)?.facts;
         let labels = work.open_array::<u32>(LABELS)?;
         let labels = work.indices(LABELS, labels.len(), facts.parts.len())?;

@@ -282,7 +282,7 @@ impl SegmentParams {
         self.parts.check()?;
         if self.parts.detail != 0. && (exact || !by_parts) {
             let problem =
-                if exact { "has no effect on an exact number of parts" } else { "goes with the default method" };
+                if exact { "has no effect on an exact number of parts" } else { "applies only to the default method" };
             return refused("detail", problem.into(), "leave one of them out");
         }
         if self.landmarks.is_some_and(|l| l == 0 || l > LANDMARKS_AT_MOST) {
@@ -299,10 +299,10 @@ impl SegmentParams {
             ("boundaries", self.boundaries != Boundaries::default()),
         ];
         let idle = match (&self.embedding, others.into_iter().find(|(_, given)| *given)) {
-            (Some(_), _) if by_parts => Some(("embedding", "goes with K-means and 2-means")),
-            (_, Some((name, _))) if !by_parts => Some((name, "goes with the default method")),
+            (Some(_), _) if by_parts => Some(("embedding", "applies only to K-means and 2-means")),
+            (_, Some((name, _))) if !by_parts => Some((name, "applies only to the default method")),
             _ if self.parts.decision != usual.decision && self.parts.ensemble_size != usual.ensemble_size => {
-                Some(("ensemble_size", "goes with the default decision"))
+                Some(("ensemble_size", "applies only to the default decision"))
             }
             _ => None,
         };
@@ -321,7 +321,7 @@ impl SegmentParams {
         let wanted = self.parts.count.least();
         if wanted as u64 > faces {
             let problem = format!(
-                "has {faces} face{}, fewer than the {wanted} parts asked for",
+                "has {faces} face{}, fewer than the {wanted} parts requested",
                 if faces == 1 { "" } else { "s" }
             );
             return Err(Error::unusable(path, problem, "choose a smaller `parts`"));

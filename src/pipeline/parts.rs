@@ -227,7 +227,7 @@ fn decide_on_mesh(
     if let Some(tree) = tree {
         if tree.cells() != all.tree.cells() {
             let problem =
-                format!("is a hierarchy of {} cells, the work directory's has {}", tree.cells(), all.tree.cells());
+                format!("has {} cells, but the hierarchy of the work directory has {}", tree.cells(), all.tree.cells());
             return Err(Error::parameter("tree", problem, "use one that was made in this work directory"));
         }
         all.tree = tree.clone();
@@ -246,8 +246,8 @@ fn decide_on_mesh(
     let unit_of_node = surface.surface.cells()?.of_node.clone();
     if !corrections.is_empty() {
         if is_beyond {
-            let problem = "edits cannot follow where more parts are asked for than the surface has cells";
-            return Err(Error::parameter("parts", problem, format!("ask for {} at most", all.tree.cells())));
+            let problem = "edits cannot be applied if more parts are requested than the surface has cells";
+            return Err(Error::parameter("parts", problem, format!("request at most {}", all.tree.cells())));
         }
         let graph = surface.surface.cells()?.graph.cleaned()?;
         let unit = |node: u32| located.units.map_or(node, |units| units[node as usize].into());
@@ -306,8 +306,8 @@ fn beside_walls(tree: &PartTree, walls: &[bool], cut: TreeCut, least: usize) -> 
     }
     let others = walls.iter().filter(|wall| !**wall).count();
     if others < least {
-        let problem = "walls cannot be a part of their own where more parts are asked for than other cells";
-        let remedy = format!("ask for {others} at most, or leave out `walls` own");
+        let problem = "walls cannot be a separate part if more parts are requested than there are other cells";
+        let remedy = format!("request at most {others}, or leave out `walls` own");
         return Err(Error::parameter("parts", problem, remedy));
     }
     tree.without(walls).cut_k(least)

@@ -104,12 +104,12 @@ pub fn eigenvalues(work: &WorkDir, exact: bool) -> Result<Eigenvalues> {
         let values = work.recorded_facts::<super::embed::EmbeddingStage<'_>>()?.eigenvalues;
         Some(Eigenvalues { dropped: values.iter().filter(|value| **value <= 0.).count(), values })
     };
-    let remedy = "make them: stage `embedding`";
-    let found = kept.or_else(embedded).ok_or_else(|| Error::work_dir(work.path(), "keeps no eigenvalues", remedy))?;
+    let remedy = "compute them: stage `embedding`";
+    let found = kept.or_else(embedded).ok_or_else(|| Error::work_dir(work.path(), "has no eigenvalues", remedy))?;
     if found.values.first().is_none_or(|first| *first > 0.) {
         return Ok(found);
     }
-    Err(work.damaged(MANIFEST, "tells of eigenvalues of which none is positive"))
+    Err(work.damaged(MANIFEST, "has no positive eigenvalue"))
 }
 
 /// The number of parts requested for the labels in `work`, if they are a cut of a hierarchy.

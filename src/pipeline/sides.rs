@@ -295,11 +295,11 @@ impl Guidance {
     pub(super) fn check(&self, n_a: usize, n_b: usize, params: &CorrespondParams) -> Result<()> {
         let guided = !self.pairs.is_empty() || self.map.is_some() || params.points;
         if guided && params.refine == Refine::None {
-            let problem = "landmarks, a map to begin with and matches inside triangles need refinement";
+            let problem = "landmarks, an initial map and matches inside triangles need refinement";
             return Err(Error::parameter("refine", problem, "leave it at its default"));
         }
         if self.pairs.iter().any(|(of_a, of_b)| *of_a as usize >= n_a || *of_b as usize >= n_b) {
-            let problem = format!("a vertex beyond the {n_a} of A or the {n_b} of B");
+            let problem = format!("name a vertex beyond the {n_a} of A or the {n_b} of B");
             return Err(Error::parameter("pairs", problem, "count vertices from 0"));
         }
         if params.partial && params.refine == Refine::None {
@@ -309,12 +309,12 @@ impl Guidance {
         let given = !self.pairs.is_empty() || self.map.is_some() || params.alternative > 0;
         if params.partial && (params.transfer || given) {
             let problem =
-                "parts are matched by refinement, without `transfer`, `alternative`, landmarks or a map to begin with";
+                "parts are matched by refinement, without `transfer`, `alternative`, landmarks or an initial map";
             return Err(Error::parameter("partial", problem, "leave these out"));
         }
         let Some(map) = &self.map else { return Ok(()) };
         if map.len() != n_a || map.iter().flatten().any(|&v| v as usize >= n_b) || map.iter().flatten().count() == 0 {
-            let problem = format!("is no map of {n_a} vertices to {n_b}");
+            let problem = format!("is not a map of {n_a} vertices to {n_b}");
             return Err(Error::parameter("map", problem, "give matches of the same meshes"));
         }
         Ok(())

@@ -158,7 +158,7 @@ impl Stage for SurfaceStage<'_> {
         let (work, n) = (context.work, self.graph.nodes.len());
         let SurfaceFacts { unit, tiny_nodes, radius, .. } = facts;
         if !(unit > 0. && unit.is_finite()) {
-            return Err(work.damaged(MANIFEST, "tells of a surface without a size"));
+            return Err(work.damaged(MANIFEST, "has a surface without size"));
         }
         let cells = if self.cells {
             let graph: CellGraph = work.read_json(CELL_GRAPH)?;

@@ -170,7 +170,7 @@ impl EmbeddingParams {
     pub fn check(&self) -> Result<()> {
         let (KernelWidth::Mean(width) | KernelWidth::Fixed(width)) = self.width;
         if !(width > 0. && width < 1e6) {
-            return Err(Error::parameter("width", format!("{width} is no width"), "choose a positive number"));
+            return Err(Error::parameter("width", format!("{width} is not a width"), "choose a positive number"));
         }
         if self.dimensions == 0 {
             return Err(Error::parameter("dimensions", "0 dimensions", "choose at least 1"));
@@ -262,7 +262,7 @@ impl Embedding {
             KernelWidth::Fixed(sigma) => sigma,
         };
         if !sigma.is_finite() || sigma < 0. {
-            return Err(Error::parameter("width", format!("{sigma} is no width"), "choose a positive number"));
+            return Err(Error::parameter("width", format!("{sigma} is not a width"), "choose a positive number"));
         }
         let a = landmark_affinities(rows, params.kernel, sigma);
         let fit = EmbeddingFit { rows, columns, params, sigma };

@@ -267,7 +267,11 @@ impl OrthogonalParams {
             return Err(Error::parameter("dimensions", problem, format!("choose from 2 to {MOST_DIMENSIONS}")));
         }
         if !(self.width > 0. && self.width < 1e6) {
-            return Err(Error::parameter("width", format!("{} is no width", self.width), "choose a positive number"));
+            return Err(Error::parameter(
+                "width",
+                format!("{} is not a width", self.width),
+                "choose a positive number",
+            ));
         }
         self.kernel.check()
     }

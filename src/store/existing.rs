@@ -14,10 +14,10 @@ impl WorkDir {
         if !path.join(MANIFEST).exists() {
             return Err(if is_of_two(path) {
                 let problem = "is a work directory of `correspond`, which holds one for each of two meshes";
-                Error::work_dir(path, problem, "name one that `segment` or `graph` has made")
+                Error::work_dir(path, problem, "choose one that `segment` or `graph` has made")
             } else {
-                let remedy = "check the path, or make it first: stage `record`";
-                Error::work_dir(path, "is no work directory, or an empty one", remedy)
+                let remedy = "check the path, or create it first: stage `record`";
+                Error::work_dir(path, "is not a work directory, or an empty one", remedy)
             });
         }
         Self::open_shared(path)

@@ -256,8 +256,8 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
     }
     Err(Error::work_dir(
         parent,
-        "temporary folders are taken away by another process",
-        "name another `temporary_folder`",
+        "temporary folders are being removed by another process",
+        "choose another `temporary_folder`",
     ))
 }
 

@@ -16,7 +16,8 @@ use std::path::Path;
 /// # Errors
 /// [`Error::Internal`] for a value that JSON cannot represent.
 pub fn value(what: &str, value: &impl Serialize) -> Result<Value> {
-    serde_json::to_value(value).map_err(|error| Error::internal(&format!("{what} cannot be told as JSON: {error}")))
+    serde_json::to_value(value)
+        .map_err(|error| Error::internal(&format!("{what} cannot be represented as JSON: {error}")))
 }
 
 /// The largest file that is read as a whole: files written by hand, and hierarchies of some two thousand cells.
@@ -30,7 +31,12 @@ pub fn read_small(path: &Path) -> Result<Vec<u8>> {
     let mut text = Vec::new();
     File::open(path).and_then(|file| file.take(SMALL + 1).read_to_end(&mut text)).map_err(Error::io(path, "read"))?;
     if text.len() as u64 > SMALL {
-        return Err(Error::unusable(path, "is larger than 64 MiB, as no file of its kind is", "name the right file"));
+        return Err(Error::unusable(
+            path,
+            "is larger than 64 MiB, too large for a file of this kind",
+            "give the right \
+                                          file",
+        ));
     }
     Ok(text)
 }
@@ -41,7 +47,7 @@ pub fn read_small(path: &Path) -> Result<Vec<u8>> {
 /// [`Error::Unusable`] naming `path` for a value that JSON cannot represent.
 pub fn text(path: &Path, value: &impl Serialize) -> Result<Vec<u8>> {
     serde_json::to_vec(value).map_err(|error| {
-        Error::unusable(path, format!("would hold what JSON cannot tell: {error}"), "report this as a fault")
+        Error::unusable(path, format!("cannot be represented as JSON: {error}"), "report this as a bug")
     })
 }
 

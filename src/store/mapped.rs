@@ -141,7 +141,7 @@ enum BytesMut {
 impl BytesMut {
     /// Maps `bytes` bytes of `file` from `offset` on. `None`, an overflowed length, is an error.
     fn map(file: &File, path: &Path, offset: usize, bytes: Option<usize>) -> Result<Self> {
-        let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
+        let metadata = file.metadata().map_err(Error::io(path, "access"))?;
         let end =
             bytes.and_then(|bytes| (offset as u64).checked_add(bytes as u64)).filter(|&end| end <= metadata.len());
         let (Some(bytes), Some(end)) = (bytes, end) else {
@@ -163,7 +163,7 @@ impl MappedBytes {
     /// [`Error::Io`] when the file cannot be opened or mapped; [`Error::Internal`] while this process writes to it.
     pub fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(Error::io(path, "open"))?;
-        let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
+        let metadata = file.metadata().map_err(Error::io(path, "access"))?;
         if metadata.is_dir() {
             return Err(Error::unusable(path, "is a folder, not a file", "name a file"));
         }
@@ -198,7 +198,7 @@ impl MappedBytes {
 
     fn misfit(&self, path: &Path, offset: usize, len: usize, item: usize) -> Error {
         let problem = format!("{len} items of {item} bytes do not fit in the file's {} bytes", self.len());
-        Error::malformed(path, format!("byte {offset}"), problem, "the file is damaged; make it again")
+        Error::malformed(path, format!("byte {offset}"), problem, "the file is damaged; recreate it")
     }
 }
 

@@ -62,7 +62,7 @@ pub(crate) fn create_for(name: &Path, path: &Path) -> Result<File> {
             Err(error) => return Err(wrong()(error)),
         }
     }
-    Err(Error::unusable(name, "is being written by another process", "wait for it, or name another file"))
+    Err(Error::unusable(name, "is being written by another process", "wait for it, or choose another file"))
 }
 
 /// The name that a file has until it is complete.

@@ -369,9 +369,8 @@ impl<T: Item> ArrayWriter<T> {
 /// of items, and the shape.
 fn opened(path: &Path, descr: &str, width: usize) -> Result<(MappedBytes, usize, usize, Vec<u64>)> {
     let bytes = MappedBytes::open(path)?;
-    let wrong = |problem: String| {
-        Error::malformed(path, "header", problem, "it is not an array of this program; make it again")
-    };
+    let wrong =
+        |problem: String| Error::malformed(path, "header", problem, "it is not an array of this program; recreate it");
     let header = npy_header::parse(&bytes).map_err(wrong)?;
     if header.descr != descr || header.fortran {
         return Err(wrong(format!("items are {}, expected '{descr}' in C order", header.descr)));
@@ -379,7 +378,7 @@ fn opened(path: &Path, descr: &str, width: usize) -> Result<(MappedBytes, usize,
     let (shape, offset) = (header.shape, header.data);
     let len = shape.iter().product::<u64>() as usize;
     if !len.is_multiple_of(width) {
-        return Err(Error::malformed(path, "header", format!("shape {shape:?}"), "make the file again"));
+        return Err(Error::malformed(path, "header", format!("shape {shape:?}"), "recreate the file"));
     }
     Ok((bytes, offset, len / width, shape))
 }

@@ -32,7 +32,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, String> {
     };
     let data = start + len.ok_or_else(short)?;
     let text = bytes.get(start..data).ok_or_else(short)?;
-    let text = std::str::from_utf8(text).map_err(|_| "it is no text")?;
+    let text = std::str::from_utf8(text).map_err(|_| "it is not text")?;
     let mut rest = Scanner(text);
     let (mut descr, mut fortran, mut shape) = (None, None, None);
     rest.expect('{')?;
@@ -58,7 +58,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, String> {
     Ok(Header { descr, fortran, shape, data })
 }
 
-const TOO_LARGE: &str = "its shape is none that memory or disk could hold";
+const TOO_LARGE: &str = "its shape is too large for memory or disk";
 
 /// The rest of the text.
 struct Scanner<'a>(&'a str);
@@ -132,7 +132,7 @@ impl<'a> Scanner<'a> {
             let text = self.0.trim_start();
             let digits = text.bytes().take_while(u8::is_ascii_digit).count();
             if digits == 0 {
-                return Err("the shape is no tuple of whole numbers".into());
+                return Err("the shape is not a tuple of whole numbers".into());
             }
             shape.push(text[..digits].parse().map_err(|_| TOO_LARGE)?);
             self.0 = &text[digits..];

@@ -303,7 +303,7 @@ impl WorkDir {
                 Err(error) => Some(format!("cannot be read: {error}")),
             },
             Err(error) if error.kind() == ErrorKind::NotFound => Some("is missing".to_string()),
-            Err(error) => Some(format!("cannot be looked at: {error}")),
+            Err(error) => Some(format!("cannot be accessed: {error}")),
         }
     }
 
@@ -312,7 +312,7 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`].
     pub fn record_stage(&self, stage: StageKey, files: &[&str], facts: &impl Serialize, seconds: f64) -> Result<()> {
-        let facts = json::value(&format!("what stage {} tells", stage.name), facts)?;
+        let facts = json::value(&format!("the facts of stage {}", stage.name), facts)?;
         self.record_stage_json(stage, files, facts, seconds)
     }
 
@@ -335,7 +335,7 @@ impl WorkDir {
             return Ok(FileRecord { bytes, xxh3: String::new() });
         }
         let path = self.file(name);
-        let bytes = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
+        let bytes = std::fs::metadata(&path).map_err(Error::io(&path, "access"))?.len();
         if self.is_temporary() {
             return Ok(FileRecord { bytes, xxh3: String::new() });
         }
@@ -392,7 +392,7 @@ impl WorkDir {
         manifest.program = super::manifest::PROGRAM.to_string();
         let path = self.file(MANIFEST);
         let text = serde_json::to_vec_pretty(manifest)
-            .map_err(|error| Error::internal(&format!("the manifest cannot be told as JSON: {error}")))?;
+            .map_err(|error| Error::internal(&format!("the manifest cannot be represented as JSON: {error}")))?;
         json::publish(&path, &text)
     }
 }

@@ -44,7 +44,7 @@ fn stages(context: Context<'_>) -> Result<Vec<Checked>> {
             let path = context.work.file(&name);
             let begun = || !path.exists() && partial_name(&path).exists();
             let found = context.work.integrity_error(&name, &file);
-            let problem = found.map(|found| if begun() { "is being made anew".to_string() } else { found });
+            let problem = found.map(|found| if begun() { "is being rebuilt".to_string() } else { found });
             context.run.progress.advance("verify", file.bytes);
             all.push(Checked { stage: stage.clone(), file: name, bytes: file.bytes, problem });
         }

@@ -80,7 +80,7 @@ impl WorkDir {
     /// [`Error::Io`].
     pub fn open(path: &Path) -> Result<Self> {
         Self::try_open(path, false)?
-            .ok_or_else(|| Error::work_dir(path, "is in use by another run", "wait for it, or name another folder"))
+            .ok_or_else(|| Error::work_dir(path, "is in use by another run", "wait for it, or choose another folder"))
     }
 
     /// The same, but `None` if another process has locked it. `shared`: beside other processes that open it shared;
@@ -102,7 +102,7 @@ impl WorkDir {
             return Err(Error::work_dir(
                 path,
                 "is not empty and not a work directory of this program",
-                "name an empty or new folder",
+                "choose an empty or new folder",
             ));
         }
         let lock = match lock(path, shared)? {
@@ -125,7 +125,7 @@ impl WorkDir {
             ));
         }
         if let Some(name) = manifest.stages.values().flat_map(|stage| stage.files.keys()).find(|name| !is_own(name)) {
-            let problem = format!("lists {name:?}, which is no file of a work directory");
+            let problem = format!("lists {name:?}, which is not a file of a work directory");
             return Err(Error::work_dir(&manifest_path, problem, "delete the work directory"));
         }
         let manifest = Manifest { format: FORMAT, ..manifest };

@@ -115,6 +115,6 @@ fn the_box_of_a_page_is_that_of_the_faces_without_strays() {
     // Regression: greater labels all became 65,535.
     let labels: Vec<u32> = (0..faces.len() as u32).map(|face| 65_535 + face / 500).collect();
     let told = Page { labels: &labels, ..page }.html(&run()).unwrap_err().to_string();
-    assert!(told.contains("65536 is too great a label for a page"), "{told}");
+    assert!(told.contains("65536 is too large for a page"), "{told}");
     assert!(Page { labels: &[65_535; 722], ..page }.html(&run()).is_ok());
 }

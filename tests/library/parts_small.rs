@@ -251,5 +251,5 @@ fn one_face_is_one_part() {
     assert_eq!(Segmenter::new().run(&mesh).unwrap().labels(), [0]);
     assert_eq!(in_parts(&mesh, 1, false), [0]);
     let error = Segmenter::new().parts(2).run(&mesh).unwrap_err();
-    assert_eq!(error.to_string(), "<arrays>: has 1 face, fewer than the 2 parts asked for; choose a smaller `parts`");
+    assert_eq!(error.to_string(), "<arrays>: has 1 face, fewer than the 2 parts requested; choose a smaller `parts`");
 }

@@ -140,7 +140,10 @@ fn refusals_name_the_place_and_the_remedy() {
         (cube("3", "0", ok), "has no faces; a point cloud cannot be segmented; "),
         (cube("3", "1", ok) + "3 0 1 3", "face 0: names vertex 3, but there are 3, counted from 0; "),
         (cube("3", "1", ok) + "3 0 1 -1", "face 0: names vertex -1, but there are 3"),
-        (cube("3", "2", ok) + "3 0 1 2\n3 0 1", "face 1: the file ends here, 2 were promised; the file is cut short"),
+        (
+            cube("3", "2", ok) + "3 0 1 2\n3 0 1",
+            "face 1: the file ends here, but 2 were declared; the file is cut short",
+        ),
         (cube("3", "1", ok) + "3 0 1 two", "face 0: \"two\" is not a number"),
         (cube("3", "1", ok) + "-3 0 1 2", "face 0: a list has -3 items"),
         (cube("4000000000", "1", ok) + "3 0 1 2", "header, element vertex: 4000000000 records need at least"),

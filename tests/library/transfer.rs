@@ -205,7 +205,7 @@ fn unlabelled_faces_are_filled_in_and_strangers_refused() {
     std::fs::write(&path, "OFF\n3 1 0\n9 9 9\n9.1 9 9\n9 9.1 9\n3 0 1 2\n").unwrap();
     let far = open(&path, work.path());
     let message = transfer(&from, &labels, &far, Context::new(&work, &run())).unwrap_err().to_string();
-    assert!(message.contains("same place, in the same unit") && !message.contains('\n'), "{message}");
+    assert!(message.contains("same position and units") && !message.contains('\n'), "{message}");
 }
 
 #[test]

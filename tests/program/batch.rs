@@ -219,16 +219,16 @@ fn what_makes_no_sense_is_refused_before_any_work() {
         (&["segment", grid, "-o", "-", "-o", "-"], "-o -: given more than once"),
         (
             &["segment", grid, "-o", "x.seg", "--names", "x.tsv"],
-            "--names goes with --json or an output that holds names",
+            "--names requires --json or an output that holds names",
         ),
-        (&["segment", grid, "--measure"], "--measure goes with --json"),
-        (&["quality", grid, "--plot", "x.svg"], "--plot goes with --compare"),
+        (&["segment", grid, "--measure"], "--measure requires --json"),
+        (&["quality", grid, "--plot", "x.svg"], "--plot requires --compare"),
         (&["plot", folder], "give --eigenvalues FILE, --tree FILE, or both"),
         (&["export", "--work-dir", folder], "give -o OUT, --tree FILE, or both"),
-        (&["info", folder, "--header"], "--header goes with a mesh"),
-        (&["segment", "-", "--jobs", "2"], "standard input is one mesh"),
-        (&["segment", folder, "--work-dir", "w"], "--work-dir goes with one mesh"),
-        (&["segment", folder, "-"], "standard input is one mesh"),
+        (&["info", folder, "--header"], "--header requires a mesh"),
+        (&["segment", "-", "--jobs", "2"], "standard input is a single mesh"),
+        (&["segment", folder, "--work-dir", "w"], "--work-dir can only be used with a single mesh"),
+        (&["segment", folder, "-"], "standard input is a single mesh"),
         (&["segment", folder, "--json", "--json-lines"], "cannot both go to standard output"),
     ] {
         let output = run(words);
@@ -300,5 +300,5 @@ fn nothing_is_written_over_an_input_or_another_output() {
         assert!(std::fs::read(mesh).unwrap() == before, "{words:?}");
     }
     let output = run(&["segment", mesh, "-o", x, &format!("--json={x}")]);
-    assert!(output.status.code() == Some(2) && errors(&output).contains("two outputs cannot have one name"));
+    assert!(output.status.code() == Some(2) && errors(&output).contains("two outputs cannot have the same name"));
 }

@@ -153,8 +153,8 @@ fn refusals_are_one_line_with_file_and_remedy_and_code_1() {
         (vec![word(&gz)], "cut.ply.gz: ", "; "),
         (vec![word(&mesh), "-k", "5"], "tetrahedron.ply: has 4 faces, fewer than the 5 parts", "choose a smaller -k"),
         (vec!["absent.ply"], "absent.ply: cannot open: ", "check the path"),
-        (vec![&foreign], "foreign: holds no mesh", "name another folder"),
-        (vec![word(&mesh), "-o", word(&no_folder)], "none/x.ply: its folder ", "make it first"),
+        (vec![&foreign], "foreign: holds no mesh", "choose another folder"),
+        (vec![word(&mesh), "-o", word(&no_folder)], "none/x.ply: its folder ", "create it first"),
         (vec![word(&mesh), "--work-dir", &foreign], "foreign: is not empty and not a work directory", "empty or new"),
         (vec![word(&mesh), "--tmp", "/nonexistent"], "/nonexistent: cannot create", "check the path"),
         (vec![word(&mesh), "-o", "/dev/full/x.ply"], "/dev/full", "; "),
@@ -207,10 +207,10 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "--thread", "2"], "--thread: unexpected argument; did you mean --threads?"),
         (&["segment", mesh, "--threads"], "--threads: its value is missing"),
         // It said that --work-dir is missing, and not why.
-        (&["segment", mesh, "--force"], "--force goes with --work-dir; give both"),
+        (&["segment", mesh, "--force"], "--force requires --work-dir; give both"),
         (&["graph", mesh, "--force"], "--work-dir: missing"),
         // A number below 0 was called an unexpected argument.
-        (&["segment", mesh, "--seed", "-1"], "--seed: invalid value '-1': not a whole number from 0 on"),
+        (&["segment", mesh, "--seed", "-1"], "--seed: invalid value '-1': not a whole number of 0 or more"),
         (&["segment", mesh, "-l", "-3"], "--landmarks: invalid value '-3': out of range; choose from 1 to 4096"),
         (&["segment", mesh, "--threads", "-1"], "--threads: invalid value '-1': out of range"),
         (&["segment", mesh, "--seed", "99999999999999999999"], "too large"),
@@ -221,15 +221,15 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-k", "2", "-l", "0"], "out of range; choose from 1 to 4096"),
         (
             &["segment", mesh, "-k", "2", "-o", "x.xyz"],
-            "end it with .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png",
+            "use .ply, .seg, .npy, .parquet, .csv, .obj, .glb, .html or .png",
         ),
-        (&["segment", mesh, mesh, "-k", "2", "-o", "x.ply"], "-o goes with one mesh"),
-        (&["segment", mesh, mesh, "-k", "2", "--work-dir", "w"], "--work-dir goes with one mesh"),
+        (&["segment", mesh, mesh, "-k", "2", "-o", "x.ply"], "-o names a single file"),
+        (&["segment", mesh, mesh, "-k", "2", "--work-dir", "w"], "--work-dir can only be used with a single mesh"),
         (&["segment", "-", mesh, "-k", "2"], "standard input is one mesh"),
         (&["segment", "-", "-k", "2", "--json"], "cannot both go to standard output"),
         (&["segment", mesh, "-k", "2", "-o", "-", "--json"], "cannot both go to standard output"),
-        (&["segment", mesh, "-k", "2", "--delta", "0.1"], "--delta goes with --metric paper only"),
-        (&["segment", mesh, "-k", "2", "--metric", "paper", "--beta", "1"], "--beta goes with"),
+        (&["segment", mesh, "-k", "2", "--delta", "0.1"], "--delta can only be used with --metric paper"),
+        (&["segment", mesh, "-k", "2", "--metric", "paper", "--beta", "1"], "--beta can only be used with"),
         (&["segment", mesh, "-k", "2", "--metric", "geodesic", "--eta", "1"], "--metric geodesic takes no"),
         (&["segment", mesh, "-k", "2", "--eta=-1"], "choose from 0 to 1"),
         (&["segment", mesh, "-k", "2", "--eta=nan"], "out of range"),
@@ -375,7 +375,7 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
     let dumbbell = zoo::dumbbell().write(dir.path());
     std::fs::copy(&dumbbell, &mesh).unwrap();
     let kept = std::fs::read(work.join("manifest.json")).unwrap();
-    for (mesh, whose) in [(&mesh, "as it was before it changed"), (&dumbbell, "is of another mesh, ")] {
+    for (mesh, whose) in [(&mesh, "belongs to an earlier version of "), (&dumbbell, "belongs to another mesh, ")] {
         for command in [&["segment"][..], &["graph"], &["rows"], &["rows", "--shard", "0/2"], &["sequence"]] {
             let output = run(&[command, &[word(mesh), "-q", "--work-dir", word(&work)]].concat());
             assert_eq!(output.status.code(), Some(1), "{command:?}: {}", errors(&output));
@@ -559,9 +559,9 @@ fn options_without_an_effect_are_refused() {
         }
     }
     for (words, told) in [
-        (&["cluster", "--work-dir", work, "--vertex-labels"][..], "--vertex-labels goes with a .ply output"),
-        (&["export", "--work-dir", work, "--tree", csv, "--split-faces"], "--split-faces goes with a .ply output"),
-        (&["quality", mesh, "--embedding", "--csv", csv], "--csv goes without --embedding"),
+        (&["cluster", "--work-dir", work, "--vertex-labels"][..], "--vertex-labels requires a .ply output"),
+        (&["export", "--work-dir", work, "--tree", csv, "--split-faces"], "--split-faces requires a .ply output"),
+        (&["quality", mesh, "--embedding", "--csv", csv], "--csv cannot be used with --embedding"),
         (&["quality", mesh, "--embedding", "--exact"], "cannot be used with"),
     ] {
         let output = run(words);
@@ -662,7 +662,7 @@ fn an_output_is_never_the_mesh_itself_and_braces_stand_for_its_name() {
     misused(&["segment", word(dir.path()), "-o", word(&dir.path().join("{}.ply"))], "is the mesh itself");
     assert_eq!(std::fs::read(&mesh).unwrap(), before);
     misused(&["segment", "-", "-o", "{}.seg"], "standard input has no name");
-    misused(&["segment", word(&mesh), "--ply-form", "ascii", "-o", "x.seg"], "--ply-form goes with a .ply output");
+    misused(&["segment", word(&mesh), "--ply-form", "ascii", "-o", "x.seg"], "--ply-form requires a .ply output");
     misused(&["segment", word(&mesh), "--json", "report.json"], "--json=FILE");
     segment(&mesh, &["-k", "3", "-q", "-o", word(&dir.path().join("{}.seg"))]);
     assert_eq!(names(dir.path()), ["dumbbell.ply", "dumbbell.seg"]);

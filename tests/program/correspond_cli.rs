@@ -229,8 +229,8 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         (vec!["-o", out, "--alternative", "40"], 2, "count from 0"),
         (vec!["-o", out, "--carry", "x"], 2, "--carried"),
         (vec!["-q", "-o", out, "--refine", "none", "--carry", "nothing", "--carried", "m.ply"], 1, "nothing"),
-        (vec!["-o", out, "--picture", "m.jpg"], 2, "--picture m.jpg: end it with .png"),
-        (vec!["-o", out, "--functions", "a.npy", "b.csv"], 2, "--functions b.csv: end it with .npy"),
+        (vec!["-o", out, "--picture", "m.jpg"], 2, "--picture m.jpg: wrong extension; use .png"),
+        (vec!["-o", out, "--functions", "a.npy", "b.csv"], 2, "--functions b.csv: wrong extension; use .npy"),
     ] {
         let run = correspond(&a, &b, &words);
         assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
@@ -249,9 +249,9 @@ fn what_makes_no_sense_is_refused_in_a_line() {
     for (words, code, part) in [
         (vec!["--matches", word(&beyond), "--mesh", mesh], 1, "beyond.csv: names vertex"),
         (vec!["--matches", word(&fine), "--mesh", mesh, "--truth", word(&beyond)], 1, "beyond.csv: names vertex"),
-        (vec!["--matches", word(&long), "--mesh", mesh], 1, "long.csv: is of"),
+        (vec!["--matches", word(&long), "--mesh", mesh], 1, "long.csv: has "),
         (vec!["--matches", "x.npy"], 2, "--mesh"),
-        (vec!["--matches", word(&a), "--mesh", word(&a)], 1, "no known form"),
+        (vec!["--matches", word(&a), "--mesh", word(&a)], 1, "unknown extension"),
     ] {
         let run = program().arg("evaluate").args(&words).output().unwrap();
         assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
@@ -304,15 +304,18 @@ fn a_work_directory_of_other_meshes_is_refused() {
     let parts = ["of correspond", "a/ of creature_", "b/ of b.ply", "b/vertex rows", "distances.npy"];
     assert!(code == Some(0) && parts.iter().all(|part| text.contains(part)), "{text}");
     let (code, text) = told(&["verify", "-q", folder]);
-    assert!(code == Some(0) && text.contains("all as they were written"), "{text}");
+    assert!(code == Some(0) && text.contains("all intact"), "{text}");
     let (code, text) = told(&["export", "--work-dir", folder, "-o", word(&out)]);
     assert!(code == Some(1) && text.contains("is a work directory of `correspond`"), "{text}");
     // Another command mixed its files with those of two meshes, and `correspond` with those of one.
     let one = dir.path().join("one");
     for (words, problem) in [
-        (vec!["segment", word(&a), "-q", "-o", word(&out), "--work-dir", folder], "is of two meshes"),
+        (vec!["segment", word(&a), "-q", "-o", word(&out), "--work-dir", folder], "belongs to two meshes"),
         (vec!["graph", word(&a), "-q", "--work-dir", word(&one)], ""),
-        (vec!["correspond", word(&a), word(&b), "-q", "-o", word(&out), "--work-dir", word(&one)], "is of one mesh, "),
+        (
+            vec!["correspond", word(&a), word(&b), "-q", "-o", word(&out), "--work-dir", word(&one)],
+            "belongs to one mesh, ",
+        ),
     ] {
         let (code, text) = told(&words);
         assert_eq!(code, Some(i32::from(!problem.is_empty())), "{text}");
@@ -323,7 +326,7 @@ fn a_work_directory_of_other_meshes_is_refused() {
     let run = correspond(&a, &a, &words);
     let told = errors(&run);
     assert!(
-        run.status.code() == Some(1) && told.contains("is of another mesh, b.ply") && told.contains("--force"),
+        run.status.code() == Some(1) && told.contains("belongs to another mesh, b.ply") && told.contains("--force"),
         "{told}"
     );
     assert_eq!(kept(), before);

@@ -187,7 +187,7 @@ fn wrong_guidance_is_refused_in_a_line() {
         (vec!["--landmarks-file", word(&empty)], 1, "no pair"),
         (vec!["--landmarks-file", word(&good), "--refine", "none"], 2, "refinement"),
         // It was called misuse, and the file was not named.
-        (vec!["--initial-map", word(&short)], 1, "s.csv: is no map"),
+        (vec!["--initial-map", word(&short)], 1, "s.csv: is not a map"),
         (vec!["--initial-map", word(&text)], 1, "m.npy.csv"),
         (vec!["--functional-map", c, "--refine", "none"], 2, "no functions"),
         (vec!["--points", c, "--refine", "none"], 2, "refinement"),

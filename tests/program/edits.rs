@@ -210,7 +210,7 @@ fn protected_parts_stay_under_another_number_of_parts() {
     let file = scene.file(&json!([{"edit": "protect", "at": place}, {"edit": "protect", "at": other}]));
     let output = run(&["cluster", "-q", "--work-dir", word(&scene.work), "-k", "2", "--edits", word(&file)]);
     let told = errors(&output);
-    assert!(told.contains("edit 2 (protect): 2 protected parts and the others cannot be 2 parts"), "{told}");
+    assert!(told.contains("edit 2 (protect): 2 protected parts and the rest cannot make 2 parts"), "{told}");
 }
 
 #[test]
@@ -425,7 +425,11 @@ fn names_go_into_every_output() {
     assert!(!text("b.ply").contains("left leg"));
     std::fs::write(path("names.tsv"), "12\tx\n").unwrap();
     let output = run(&["segment", word(&scene.mesh), "-q", "-k", "9", "--names", word(&path("names.tsv"))]);
-    assert!(!output.status.success() && errors(&output).contains("names part 12, there are 9"), "{}", errors(&output));
+    assert!(
+        !output.status.success() && errors(&output).contains("names part 12, but there are only 9"),
+        "{}",
+        errors(&output)
+    );
 }
 
 #[test]
@@ -599,7 +603,7 @@ fn specks_with_a_label_of_their_own_are_no_part() {
     let output = run(&[&words[..], &["-k", "3", "--edits", word(&path("edits.json"))]].concat());
     assert_eq!(output.status.code(), Some(1));
     let told = errors(&output);
-    assert!(told.contains("edit 1 (drop): a place of it is on tiny components"), "{told}");
+    assert!(told.contains("edit 1 (drop): one of its places is on tiny components"), "{told}");
     let report = |name: &str, more: &[&str]| -> Value {
         let (out, json) = (path(name), format!("--json={}", word(&path("report.json"))));
         let output = run(&[&words[..], &["-o", word(&out), &json], more].concat());

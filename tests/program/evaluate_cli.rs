@@ -133,11 +133,11 @@ fn what_is_wrong_is_said_in_one_line() {
         ("evaluate ours/1.seg --mesh 1.ply --truth 2_0.seg", 1, "2_0.seg: has 360 labels"),
         ("evaluate ours/1.seg --mesh 1.ply --truth none.seg", 1, "none.seg"),
         ("evaluate 1.ply --truth 1_0.seg", 1, "no face property `label`"),
-        ("evaluate models.tsv --truth 1_0.seg", 1, "no known form"),
+        ("evaluate models.tsv --truth 1_0.seg", 1, "unknown extension"),
         ("evaluate --benchmark . empty", 1, "has no labels of any model"),
         ("evaluate --benchmark . nowhere", 1, "nowhere"),
         ("evaluate --benchmark empty ours", 1, "models.tsv"),
-        ("evaluate --benchmark . ours --plot t.txt", 2, "end it with .svg or .png"),
+        ("evaluate --benchmark . ours --plot t.txt", 2, "use .svg or .png"),
     ] {
         let (out, err, code) = outcome(dir.path(), &format!("{arguments} --quiet"));
         assert_eq!(code, expected, "{arguments}: {err}");

@@ -291,8 +291,8 @@ fn what_makes_no_sense_is_refused_before_any_work() {
     let out = |name: &str| dir.path().join(name).display().to_string();
     for (words, part) in [
         (vec!["-o".to_string(), out("parts")], "folder with one PLY per part"),
-        (vec!["-o".into(), out("x.seg"), "--vertex-labels".into()], "--vertex-labels goes with a .ply"),
-        (vec!["--embedding-columns".into()], "--embedding-columns goes with a .parquet"),
+        (vec!["-o".into(), out("x.seg"), "--vertex-labels".into()], "--vertex-labels requires a .ply"),
+        (vec!["--embedding-columns".into()], "--embedding-columns requires a .parquet"),
     ] {
         let output = common::program().arg("segment").arg(&mesh).args(&words).output().unwrap();
         assert_eq!(output.status.code(), Some(2));
@@ -428,5 +428,5 @@ fn capped_parts_are_solids_whose_volumes_add_up() {
     }
     let output = common::run(&["segment", word(&mesh), "--cap", "-o", "x.glb"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(errors(&output).contains("--cap goes with a folder of parts"), "{}", errors(&output));
+    assert!(errors(&output).contains("--cap requires a folder of parts"), "{}", errors(&output));
 }

@@ -137,11 +137,11 @@ fn what_is_wrong_is_said_in_one_line_with_its_place() {
         ("a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0\n", "line 4: a face of 3 corners ends early"),
         ("a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "line 4: a face names vertex 1"),
         ("a.off", b"OFF BINARY\n1 1 0\n", "binary OFF"),
-        ("a.off", b"4OFF\n1 1 0\n", "three dimensions"),
-        ("a.stl", b"solid a\nfacet\nouter loop\nvertex 0 0 0\nvertex 0 0 0\nendloop\n", "other than three vertices"),
+        ("a.off", b"4OFF\n1 1 0\n", "three-dimensional"),
+        ("a.stl", b"solid a\nfacet\nouter loop\nvertex 0 0 0\nvertex 0 0 0\nendloop\n", "does not have three vertices"),
         ("a.stl", &short, "byte 80: 9 triangles take 534 bytes"),
-        ("scene.glb", b"glTF\x02\0\0\0", "is a glTF file, which is not read"),
-        ("a.fbx", b"; FBX 7.3.0\n", "is a .fbx file, which is not read"),
+        ("scene.glb", b"glTF\x02\0\0\0", "is a glTF file, which is not supported"),
+        ("a.fbx", b"; FBX 7.3.0\n", "is a .fbx file, which is not supported"),
     ];
     for (name, bytes, part) in cases {
         let path = dir.path().join(name);

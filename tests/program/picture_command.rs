@@ -54,11 +54,11 @@ fn what_is_wrong_is_said_in_a_line() {
     let labels = dir.path().join("l.seg");
     std::fs::write(&labels, "0\n1\n").unwrap();
     for (args, code, part) in [
-        (vec!["-o", "x.jpg"], 2, "end it with .png"),
+        (vec!["-o", "x.jpg"], 2, "use .png"),
         (vec!["--size", "7"], 2, "write 1600x1200"),
         (vec!["--size", "1x1"], 2, "choose 16 to 16384"),
         (vec!["--views", "0"], 2, "choose 1 to 64"),
-        (vec!["--up", "q"], 2, "is no axis"),
+        (vec!["--up", "q"], 2, "is not an axis"),
         (vec!["--labels", "x.txt"], 2, ".seg or .npy"),
         (vec!["--labels", "l.seg"], 1, "2 labels for 4 faces"),
         // The whole picture was not counted, only one of its views.
@@ -101,7 +101,7 @@ fn a_mesh_without_a_place_in_space_is_the_files_fault() {
         let output = program().current_dir(dir.path()).args(&command).output().unwrap();
         let (code, told) = (output.status.code(), errors(&output));
         let last = told.lines().next_back().unwrap_or_default();
-        let start = format!("nystrom-stream: {}: none of its 4 faces has a place", mesh.display());
+        let start = format!("nystrom-stream: {}: none of its 4 faces has finite coordinates", mesh.display());
         assert!(code == Some(1) && last.starts_with(&start), "{command:?}: {code:?} {told}");
     }
 }
@@ -166,7 +166,7 @@ fn labels_are_integers_of_any_type() {
     array("<u8", &[1 << 40, 1, 7, 2u64].map(u64::to_le_bytes).concat());
     refused("item 0 is 1099511627776, beyond 32 bits; give a vector of integers");
     array("<i8", &longs[..24]);
-    refused("4 items are declared, 3 are there");
+    refused("4 items are declared, but only 3 are present");
     array("<f4", &[0; 16]);
     refused("has items <f4");
 }

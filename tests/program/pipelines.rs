@@ -90,12 +90,15 @@ fn combinations_that_would_be_ignored_are_refused() {
     let mesh = zoo::dumbbell().write(dir.path());
     let mesh = word(&mesh);
     for (words, told) in [
-        (&["--kernel", "gaussian"][..], "--kernel goes with --cluster kmeans or two-means only"),
-        (&["--sigma", "1"], "--sigma goes with --cluster kmeans or two-means only"),
-        (&["--normalise", "none"], "--normalise goes with --cluster kmeans or two-means only"),
-        (&["--no-unit-rows"], "--no-unit-rows goes with --cluster kmeans or two-means only"),
-        (&["--cluster", "kmeans", "-k", "3", "--decision", "single"], "--decision goes with --cluster parts only"),
-        (&["--cluster", "two-means", "--detail", "0.5"], "--detail goes with --cluster parts only"),
+        (&["--kernel", "gaussian"][..], "--kernel can only be used with --cluster kmeans or two-means"),
+        (&["--sigma", "1"], "--sigma can only be used with --cluster kmeans or two-means"),
+        (&["--normalise", "none"], "--normalise can only be used with --cluster kmeans or two-means"),
+        (&["--no-unit-rows"], "--no-unit-rows can only be used with --cluster kmeans or two-means"),
+        (
+            &["--cluster", "kmeans", "-k", "3", "--decision", "single"],
+            "--decision can only be used with --cluster parts",
+        ),
+        (&["--cluster", "two-means", "--detail", "0.5"], "--detail can only be used with --cluster parts"),
         (
             &["--cluster", "kmeans", "--parts-range", "3..4"],
             "--parts-range: K-means needs an exact number of parts; give -k",
@@ -103,7 +106,7 @@ fn combinations_that_would_be_ignored_are_refused() {
         (&["-k", "0"], "-k: 0 parts; choose at least 1"),
         (&["-k", "3", "--detail", "0.5"], "cannot be used with"),
         (&["--quiet", "--progress", "json"], "cannot be used with"),
-        (&["--delta", "0.1"], "--delta goes with --metric paper only"),
+        (&["--delta", "0.1"], "--delta can only be used with --metric paper"),
     ] {
         let output = run(&[&["segment", mesh], words].concat());
         assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
@@ -113,17 +116,21 @@ fn combinations_that_would_be_ignored_are_refused() {
     let labels = ["evaluate", "a.seg", "--truth", "b.seg", "--plot", "x.svg"];
     let (too_many, few) = (["plan", mesh, "-k", "100000"], format!("{mesh}: has"));
     for (words, code, told) in [
-        (&labels[..], 2, "--plot goes with --benchmark only"),
+        (&labels[..], 2, "--plot can only be used with --benchmark"),
         (&["evaluate", "--matches", "m.npy", "--mesh", mesh, "--no-cuts"], 2, "cannot be used with"),
-        (&["quality", mesh, "--seeds", "3"], 2, "--seeds goes with --compare only"),
-        (&["quality", mesh, "--nodes", "vertices", "--metric", "paper"], 2, "--metric goes with --nodes faces only"),
-        (&["quality", mesh, "--nodes", "vertices", "--eta", "0.1"], 2, "--eta goes with --nodes faces only"),
-        (&["sequence", mesh, "-o", "x.npy", "--ply-form", "ascii"], 2, "--ply-form goes with a .ply as output"),
-        (&["sequence", mesh, "--compare", "--order", "bfs"], 2, "--order goes with an output"),
+        (&["quality", mesh, "--seeds", "3"], 2, "--seeds can only be used with --compare"),
+        (
+            &["quality", mesh, "--nodes", "vertices", "--metric", "paper"],
+            2,
+            "--metric can only be used with --nodes faces",
+        ),
+        (&["quality", mesh, "--nodes", "vertices", "--eta", "0.1"], 2, "--eta can only be used with --nodes faces"),
+        (&["sequence", mesh, "-o", "x.npy", "--ply-form", "ascii"], 2, "--ply-form requires a .ply output"),
+        (&["sequence", mesh, "--compare", "--order", "bfs"], 2, "--order requires an output"),
         (
             &["correspond", mesh, mesh, "-o", "x.npy", "--colour-by", "parts"],
             2,
-            "--colour-by goes with --colours or --picture only",
+            "--colour-by can only be used with --colours or --picture",
         ),
         // As segment refuses it; the file that was named was one of the program's own.
         (&too_many, 1, &few),

@@ -60,7 +60,7 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
 
     for (words, code, reason) in [
         ("work", 2, "--eigenvalues"),
-        ("work --tree x.gif", 2, "end it with .svg or .png"),
+        ("work --tree x.gif", 2, "use .svg or .png"),
         ("work --eigenvalues x.svg -k 3", 2, "--tree"),
         ("work --tree x.svg -k 100000", 2, "cannot be made"),
         ("work --tree x.svg --detail 3", 2, "-1 to 1"),

@@ -105,8 +105,8 @@ fn what_keeps_the_faces_of_the_input_is_refused() {
     let mesh = common::creature(dir.path(), 1_000, false);
     let out = |name: &str| dir.path().join(name).display().to_string();
     for (words, part) in [
-        (vec!["-o".to_string(), out("x.obj")], "--split-faces goes with a .ply output"),
-        (vec!["-o".into(), out("parts/")], "--split-faces goes with a .ply output"),
+        (vec!["-o".to_string(), out("x.obj")], "--split-faces requires a .ply output"),
+        (vec!["-o".into(), out("parts/")], "--split-faces requires a .ply output"),
         (vec!["-o".into(), out("x.ply"), "--vertex-labels".into()], "cannot be used with"),
         (vec!["-o".into(), out("x.ply"), "--split-vertices".into()], "cannot be used with"),
     ] {

@@ -71,7 +71,7 @@ impl Errors {
 pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result<Vec<f64>> {
     let n = graph.len();
     if let Some((found, real)) = pairs.iter().find(|(found, real)| *found as usize >= n || *real as usize >= n) {
-        let problem = format!("vertex {} of a mesh of {n}", found.max(real));
+        let problem = format!("name vertex {}, but the mesh has only {n} vertices", found.max(real));
         return Err(Error::parameter("matches", problem, "give the mesh that the matches point to"));
     }
     let order = order_by(pairs.len(), |i, j| pairs[i].1.cmp(&pairs[j].1));

@@ -51,8 +51,8 @@ impl Property {
             .into_iter()
             .find_map(|of| Some((of, b.document()?.property(of, name)?)));
         let Some((of, property)) = found else {
-            let problem = format!("neither its vertices nor its faces have a number {name:?}");
-            return Err(Error::unusable(b.path(), problem, "name a property of its header"));
+            let problem = format!("neither its vertices nor its faces have a numeric property {name:?}");
+            return Err(Error::unusable(b.path(), problem, "name a property listed in its header"));
         };
         // The property's name comes from the user and must not be used as a file name.
         let mut writer = context.work.writer::<f64>("property.npy", 1)?;

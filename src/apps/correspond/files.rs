@@ -50,8 +50,8 @@ pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
         #[cfg(feature = "parquet")]
         Some("parquet") => parquet_table::write(path, matches, run),
         _ => {
-            let problem = format!("{}: its ending says no known form", path.display());
-            Err(Error::parameter("output", problem, format!("end it with {EXTENSIONS}")))
+            let problem = format!("{}: unknown extension", path.display());
+            Err(Error::parameter("output", problem, format!("use {EXTENSIONS}")))
         }
     }
 }
@@ -116,7 +116,7 @@ pub fn read(path: &Path) -> Result<Vec<Option<u32>>> {
     match extension(path).as_deref() {
         Some("npy") => read_npy(path),
         Some("csv") => read_csv(path),
-        _ => Err(Error::unusable(path, "its ending says no known form of matches", "give a .npy or .csv file")),
+        _ => Err(Error::unusable(path, "unknown extension for matches", "give a .npy or .csv file")),
     }
 }
 

@@ -24,7 +24,7 @@ enum Pair {
 /// [`Error::Cancelled`].
 pub fn read(path: &Path, a: &Mesh, b: &Mesh, run: &Run) -> Result<Vec<(u32, u32)>> {
     let text = String::from_utf8(json::read_small(path)?)
-        .map_err(|_| Error::unusable(path, "is no text", "write two vertices, or two points, in each line"))?;
+        .map_err(|_| Error::unusable(path, "is not text", "write two vertices, or two points, in each line"))?;
     let mut pairs = Vec::new();
     for (k, line) in text.lines().enumerate() {
         let words: Vec<&str> =
@@ -40,7 +40,7 @@ pub fn read(path: &Path, a: &Mesh, b: &Mesh, run: &Run) -> Result<Vec<(u32, u32)
         let vertex = |word: &str, mesh: &Mesh| {
             let n = mesh.positions.len();
             let found = word.parse::<u32>().ok().filter(|&v| (v as usize) < n);
-            found.ok_or_else(|| wrong(format!("{word:?} is no vertex of a mesh of {n}")))
+            found.ok_or_else(|| wrong(format!("{word:?} is not a vertex of a mesh with {n} vertices")))
         };
         match words[..] {
             [] => {}
@@ -48,14 +48,14 @@ pub fn read(path: &Path, a: &Mesh, b: &Mesh, run: &Run) -> Result<Vec<(u32, u32)
             [_, _, _, _, _, _] => {
                 let numbers: Option<Vec<f64>> =
                     words.iter().map(|word| word.parse().ok().filter(|x: &f64| x.is_finite())).collect();
-                let x = numbers.ok_or_else(|| wrong("has what is no number".into()))?;
+                let x = numbers.ok_or_else(|| wrong("contains a value that is not a number".into()))?;
                 pairs.push(Pair::Points([[x[0], x[1], x[2]], [x[3], x[4], x[5]]]));
             }
             _ => return Err(wrong(format!("has {} numbers", words.len()))),
         }
     }
     if pairs.is_empty() {
-        return Err(Error::unusable(path, "has no pair of landmarks", "write a pair a line"));
+        return Err(Error::unusable(path, "has no pair of landmarks", "write one pair per line"));
     }
     let on = |mesh, side: usize| {
         let point = |pair: &Pair| match pair {

@@ -40,13 +40,13 @@ fn of_text(text: &str, path: &Path) -> Result<Vec<String>> {
         };
         let name = name.split('\t').next().unwrap_or_default().trim();
         if part >= MOST || name.chars().any(char::is_control) {
-            return wrong("has too great a number or a control character");
+            return wrong("has too large a number or a control character");
         }
         if names.len() <= part {
             names.resize(part + 1, String::new());
         }
         if !names[part].is_empty() {
-            return wrong("names a part again");
+            return wrong("names the same part again");
         }
         names[part] = name.to_string();
     }
@@ -65,8 +65,8 @@ mod tests {
         for (text, told) in [
             ("0\ta\nhead", "line 2: has no tab"),
             ("0\ta\nb\tc", "line 2: does not begin"),
-            ("0\ta\n0\tb", "line 2: names a part again"),
-            ("99999999\ta", "line 1: has too great"),
+            ("0\ta\n0\tb", "line 2: names the same part again"),
+            ("99999999\ta", "line 1: has too large"),
         ] {
             let error = of(text).unwrap_err().to_string();
             assert!(error.starts_with("n.tsv: ") && error.contains(told), "{error}");

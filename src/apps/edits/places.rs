@@ -65,7 +65,7 @@ impl Edits {
         let mut face = |number: usize, place: &Place| match place {
             Place::Face(face) if *face < mesh.faces.len() as u64 => Ok(*face as u32),
             Place::Face(face) => {
-                let problem = format!("there is no face {face}, the mesh has {}", mesh.faces.len());
+                let problem = format!("there is no face {face}: the mesh has {} faces", mesh.faces.len());
                 Err(self.wrong(number, problem, "count faces from 0, or name a point on the surface"))
             }
             Place::Point(_) => match found.next() {

@@ -64,7 +64,7 @@ impl Edits {
         let wrong = |problem: String| Error::malformed(path, "edits", problem, form);
         let head: Head = serde_json::from_slice(text).map_err(|error| wrong(error.to_string()))?;
         if head.format != FORMAT || head.version != VERSION {
-            let problem = format!("{:?} of version {}", head.format, head.version);
+            let problem = format!("{:?}, version {}, is not supported", head.format, head.version);
             let remedy = format!("give a file whose format is {FORMAT:?} and whose version is {VERSION}");
             return Err(Error::malformed(path, "edits", problem, remedy));
         }
@@ -104,16 +104,16 @@ impl Edits {
             return wrong("0 parts", "give at least 1");
         }
         if self.detail.is_some_and(|detail| !(-1. ..=1.).contains(&detail)) {
-            return wrong("its detail is not within -1 to 1", "correct it");
+            return wrong("its detail is not between -1 and 1", "correct it");
         }
         if self.bounds.is_some_and(|[low, high]| !(0..3).all(|k| low[k] <= high[k] && (high[k] - low[k]).is_finite())) {
-            return wrong("its box is not a least and a greatest corner", "correct it or leave it out");
+            return wrong("its box is not a minimum and a maximum corner", "correct it or leave it out");
         }
         for (number, edit) in self.edits.iter().enumerate() {
             let wrong = |problem: &str, remedy: &str| Err(self.wrong(number, problem, remedy));
             let finite = |place: &Place| !matches!(place, Place::Point(p) if !p.iter().all(|x| x.is_finite()));
             if !edit.places().iter().all(finite) {
-                return wrong("a coordinate is no number", "give three finite numbers");
+                return wrong("a coordinate is not a number", "give three finite numbers");
             }
             match edit {
                 Edit::Merge { at } | Edit::Together { at } | Edit::Apart { at } if at.len() < 2 => {

@@ -124,7 +124,7 @@ impl Benchmark {
             truths.iter().map(|(path, labels)| fitting(&surface, path, labels)).collect::<Result<_>>()?;
         if truths.len() < 2 {
             let path = self.folder.join(format!("{}_0.seg", model.name));
-            let problem = format!("{} people have cut this model, not two", truths.len());
+            let problem = format!("{} people have cut this model, but at least two are needed", truths.len());
             return Err(Error::unusable(path, problem, "leave the model out of models.tsv"));
         }
         let scored =
@@ -158,7 +158,7 @@ impl Benchmark {
 pub fn fitting<'a>(surface: &Evaluator, path: &Path, labels: &'a [u32]) -> Result<Segmentation<'a>> {
     if labels.len() != surface.faces() {
         let problem = format!("has {} labels for {} faces", labels.len(), surface.faces());
-        return Err(Error::unusable(path, problem, "give labels of this very mesh"));
+        return Err(Error::unusable(path, problem, "give labels of this mesh"));
     }
     surface.segmentation(&path.display().to_string(), labels)
 }
@@ -181,12 +181,11 @@ pub fn read_labels(path: &Path, scratch: &Path, run: &Run) -> Result<Vec<u32>> {
     } else {
         let known = ends_with(path, "seg") || ends_with(path, "npy");
         let remedy = "give a .seg, .npy or .ply file";
-        let unknown = || Error::unusable(path, "its ending says no known form of labels", remedy);
+        let unknown = || Error::unusable(path, "unknown extension for labels", remedy);
         known.then(|| open_labels(path, &work)).ok_or_else(unknown)??
     };
     if let Some(face) = labels.iter().position(|&label| label == UNLABELLED) {
-        let problem =
-            format!("face {face} has no label (a negative number), and what is compared needs one on every face");
+        let problem = format!("face {face} has no label (it is negative), but labels are compared on every face");
         return Err(Error::unusable(path, problem, "give such faces a part of their own, or leave them out"));
     }
     Ok(labels.to_vec())

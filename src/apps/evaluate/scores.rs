@@ -274,7 +274,7 @@ impl ScoreTable {
     /// [`Error::Parameter`] if serialisation fails, which cannot happen for a finite table.
     pub fn to_json(&self) -> Result<String> {
         serde_json::to_string_pretty(self)
-            .map_err(|error| Error::parameter("table", error.to_string(), "report this as a fault"))
+            .map_err(|error| Error::parameter("table", error.to_string(), "report this as a bug"))
     }
 }
 

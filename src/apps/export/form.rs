@@ -81,7 +81,7 @@ impl Form {
         options: &SaveOptions,
         run: &Run,
     ) -> Result<()> {
-        let there = || mesh.ok_or_else(|| Error::parameter("mesh", "this form needs it", "name the mesh"));
+        let there = || mesh.ok_or_else(|| Error::parameter("mesh", "this format needs it", "name the mesh"));
         match self {
             Self::Seg => seg::write_seg(path, labelling.labels, run),
             Self::Npy => npy::write(path, labelling.labels, 1, true).map(drop),
@@ -104,9 +104,9 @@ impl Form {
 
 /// The error for a `path` without a known format.
 pub(crate) fn unknown(path: &Path) -> Error {
-    let problem = format!("{}: its ending names no known form", path.display());
-    let remedy = "end it with .ply, .seg, .npy, .obj or .glb (.png and .parquet with their features), \
-                  or with / for a folder";
+    let problem = format!("{}: unknown extension", path.display());
+    let remedy = "use .ply, .seg, .npy, .obj or .glb (.png and .parquet with their features), or end the path with / \
+                  for a folder";
     Error::parameter("path", problem, remedy)
 }
 
@@ -195,6 +195,6 @@ impl SaveOptions {
         } else {
             return Ok(());
         };
-        Err(Error::parameter("options", format!("{option} are for another form"), format!("write {form}")))
+        Err(Error::parameter("options", format!("{option} apply to another format"), format!("write {form}")))
     }
 }

@@ -60,7 +60,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     let parts = parts(mesh, labelling)?;
     let mut scene = Scene::of(mesh, labelling, parts, run)?;
     if scene.is_tiny {
-        let problem = "would have no coordinates but 0: the mesh is too small for its floats";
+        let problem = "would have only zero coordinates: the mesh is too small for 32-bit floats";
         return Err(Error::unusable(path, problem, "write .ply instead, or scale the mesh"));
     }
     let vertices = mesh.positions.len() as u64;
@@ -79,7 +79,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     let binary = width * vertices + 12 * scene.triangles.iter().sum::<u64>();
     let total = 12 + 8 + json.len() as u64 + 8 + binary;
     if total > MOST {
-        let problem = format!("would be {total} bytes, a .glb can have {MOST}");
+        let problem = format!("would be {total} bytes, but a .glb can have at most {MOST}");
         return Err(Error::unusable(path, problem, "write .ply, or a folder with a mesh for each part"));
     }
     if scene.triangles.iter().all(|&count| count == 0) {

@@ -28,7 +28,7 @@ fn parts(mesh: &Mesh, labelling: &Labelling) -> Result<usize> {
     labelling.fit(mesh.faces.len())?;
     let most = labelling.labels.iter().max().map_or(0, |&label| label as usize + 1);
     if most > PARTS {
-        let problem = format!("{} is too great a label for something of its own each", most - 1);
+        let problem = format!("label {} is too large: at most {PARTS} parts can be written separately", most - 1);
         return Err(Error::parameter("labels", problem, "number the parts from 0"));
     }
     Ok(most.max(labelling.colours.len()))

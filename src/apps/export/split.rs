@@ -332,7 +332,7 @@ impl Splitter<'_> {
             Ok(())
         })?;
         let Ok(count) = u32::try_from(triangles) else {
-            let problem = format!("part {part} has {triangles} triangles, an STL can have {}", u32::MAX);
+            let problem = format!("part {part} has {triangles} triangles, but an STL can have at most {}", u32::MAX);
             return Err(Error::parameter("part_form", problem, "write .ply"));
         };
         let mut head = format!("part {part}, cut by nystrom-stream").into_bytes();

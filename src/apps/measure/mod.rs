@@ -321,7 +321,7 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
 /// As [`labelled`], and [`Error::Parameter`] for labels that are not below `parts`.
 pub fn parts(mesh: &Mesh, labels: &[u32], parts: usize, context: Context<'_>) -> Result<Vec<Measures>> {
     if let Some(label) = labels.iter().find(|label| **label as usize >= parts) {
-        let problem = format!("{label} is none of {parts} parts");
+        let problem = format!("label {label} is out of range for {parts} parts");
         return Err(Error::parameter("labels", problem, "give one below the number of parts for every face"));
     }
     let mut found = labelled(mesh, labels, context)?;

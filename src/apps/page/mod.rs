@@ -153,7 +153,7 @@ impl Page<'_> {
             }
         }
         if let Some(label) = self.labels.iter().find(|label| **label as usize >= MOST_PARTS) {
-            let problem = format!("{label} is too great a label for a page");
+            let problem = format!("label {label} is too large for a page");
             return Err(Error::parameter("labels", problem, "number the parts from 0"));
         }
         // The mesh as used by the program, so that places and box mean the same on the page.

@@ -146,7 +146,7 @@ fn frames(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, params: &PicturePar
     let pieces = viewpoint::sample(mesh, labels, run)?;
     if pieces.is_empty() {
         let faces = mesh.faces.len();
-        let problem = format!("none of its {faces} faces has a place in space, so there is nothing to draw");
+        let problem = format!("none of its {faces} faces has finite coordinates, so there is nothing to draw");
         return Err(Error::unusable(mesh.path(), problem, "give a mesh whose coordinates are finite numbers"));
     }
     let up = params.up.map_or_else(|| viewpoint::upright(&pieces), Up::direction);

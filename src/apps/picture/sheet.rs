@@ -38,7 +38,7 @@ impl std::str::FromStr for Up {
         };
         let axis = ["x", "y", "z"].iter().position(|known| axis.eq_ignore_ascii_case(known));
         axis.map(|axis| Self { axis, negative })
-            .ok_or_else(|| format!("{text:?} is no axis; write x, y, z, -x, -y or -z"))
+            .ok_or_else(|| format!("{text:?} is not an axis; write x, y, z, -x, -y or -z"))
     }
 }
 
@@ -117,7 +117,7 @@ impl PictureParams {
         within("samples", self.samples, 1, 4)?;
         for (name, angle) in [("turn", self.turn), ("tilt", self.tilt)] {
             if !angle.is_finite() {
-                return Err(Error::parameter(name, format!("{angle} is no angle"), "give degrees"));
+                return Err(Error::parameter(name, format!("{angle} is not an angle"), "give degrees"));
             }
         }
         Ok(())

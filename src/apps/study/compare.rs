@@ -86,7 +86,7 @@ impl CompareParams {
     pub fn check(&self) -> Result<()> {
         let refused = |name: &str, problem: &str, remedy: &str| Err(Error::parameter(name, problem, remedy));
         if self.landmarks.is_empty() || self.landmarks.contains(&0) {
-            return refused("landmarks", "0 landmarks", "choose from 1 on");
+            return refused("landmarks", "0 landmarks", "choose at least 1");
         }
         if self.samplings.is_empty() {
             return refused("sampling", "none is given", "give at least one");

@@ -184,8 +184,8 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     let near = own.data().iter().filter(|&&label| label != UNLABELLED).count();
     if near * 2 < n {
         let path = to.path();
-        let problem = format!("{near} of {n} faces have a labelled face of {} near", from.path().display());
-        return Err(Error::unusable(path, problem, "both meshes must lie in the same place, in the same unit"));
+        let problem = format!("only {near} of {n} faces are close to a labelled face of {}", from.path().display());
+        return Err(Error::unusable(path, problem, "both meshes must have the same position and units"));
     }
     let graph = DualGraph::build(to, to.path(), &json!("transfer"), context)?;
     let filled = label_from_neighbours(&graph, own.data(), context.run)?;

@@ -131,7 +131,7 @@ fn checked(cells: &CellGraph, rows: &[f64], l: usize, params: &PartsParams) -> R
     let n = cells.len();
     if n == 0 || l == 0 || l.checked_mul(n) != Some(rows.len()) {
         let problem = format!("{} distances are not {l} rows of {n} cells", rows.len());
-        return Err(Error::parameter("rows", problem, "pass at least one row and one cell, all rows whole"));
+        return Err(Error::parameter("rows", problem, "pass at least one row and one cell, with all rows complete"));
     }
     params.check()?;
     let rows = LandmarkDistances::new(rows, l, n);

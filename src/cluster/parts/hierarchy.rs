@@ -137,8 +137,8 @@ impl PartTree {
         }
         Err(Error::parameter(
             "tree",
-            format!("not a hierarchy of parts of version {VERSION}"),
-            "make it again with the stage that wrote it",
+            format!("not a hierarchy of parts, version {VERSION}"),
+            "recreate it with the stage that wrote it",
         ))
     }
 
@@ -222,7 +222,7 @@ impl PartTree {
         if k == 0 || k > n {
             return Err(Error::parameter(
                 "parts",
-                format!("{k} parts cannot be made of {n} cells"),
+                format!("{n} cells cannot make {k} parts"),
                 format!("ask for 1 to {n}"),
             ));
         }

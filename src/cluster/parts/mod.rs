@@ -131,7 +131,7 @@ impl PartsParams {
             return Err(Error::parameter("ensemble_size", problem, remedy));
         }
         if !(0.0..1.0).contains(&self.small_part) {
-            let problem = format!("{} is no share of the area", self.small_part);
+            let problem = format!("{} is not a fraction of the area", self.small_part);
             return Err(Error::parameter("small_part", problem, "choose from 0 to below 1"));
         }
         Ok(())

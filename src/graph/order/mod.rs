@@ -97,10 +97,10 @@ impl NodeOrder {
             let facts = OrderFacts { far_steps: 0., stretch: 0., reordered: true };
             return Ok(Self { order: Some(work.array_of(ORDER, nodes)?), facts });
         }
-        let remedy = "make it again: stage `graph`";
+        let remedy = "rebuild it: stage `graph`";
         let kept = work.finished_stage::<OrderStage<'_>>(remedy)?;
         if input["key"] != kept.key {
-            return Err(Error::work_dir(work.path(), "order: it is not the graph's", remedy));
+            return Err(Error::work_dir(work.path(), "order: it does not belong to the graph", remedy));
         }
         Ok(Self { order: Some(work.indices(ORDER, nodes, nodes)?), facts: kept.facts })
     }

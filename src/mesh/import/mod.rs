@@ -152,7 +152,7 @@ pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
         _ => {}
     }
     let refuse = |name: &str| {
-        let problem = format!("is a {name} file, which is not read");
+        let problem = format!("is a {name} file, which is not supported");
         Err(Error::unusable(path, problem, "convert it to PLY, OBJ, OFF or STL, as with MeshLab or trimesh"))
     };
     if let Some((_, name)) = FOREIGN.iter().find(|(magic, _)| start.starts_with(magic)) {

@@ -42,10 +42,10 @@ pub(super) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
 fn triangles_of_binary(path: &Path, bytes: &[u8]) -> Result<u64> {
     let short = |problem: String| Error::malformed(path, "byte 80", problem, CUT_SHORT);
     let count = declared_triangles(bytes)
-        .ok_or_else(|| short(format!("the number of triangles is missing, the file has {} bytes", bytes.len())))?;
+        .ok_or_else(|| short(format!("the number of triangles is missing: the file has {} bytes", bytes.len())))?;
     let size = FRONT as u64 + RECORD as u64 * count;
     if size > bytes.len() as u64 {
-        return Err(short(format!("{count} triangles take {size} bytes, the file has {}", bytes.len())));
+        return Err(short(format!("{count} triangles take {size} bytes, but the file has {}", bytes.len())));
     }
     Ok(count)
 }
@@ -59,7 +59,7 @@ fn corners_of_text(path: &Path, bytes: &[u8]) -> Result<(u64, bool)> {
             vertices += 1;
         } else if (word.eq_ignore_ascii_case(b"endloop") || word.eq_ignore_ascii_case(b"endfacet")) && vertices % 3 != 0
         {
-            return Err(line.wrong(path, "a facet has other than three vertices"));
+            return Err(line.wrong(path, "a facet does not have three vertices"));
         }
         ended = word.eq_ignore_ascii_case(b"endsolid");
     }

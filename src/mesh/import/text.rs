@@ -199,12 +199,12 @@ pub(super) mod off {
         let mut words: Vec<&[u8]> = line.words().take(4).collect();
         if words.first().is_some_and(|word| is_keyword(word)) {
             if words[0].contains(&b'4') || words[0].contains(&b'n') {
-                let problem = format!("{} has points in other than three dimensions", shown(words[0]));
+                let problem = format!("{} has points that are not three-dimensional", shown(words[0]));
                 return Err(Error::unusable(path, problem, "export the mesh as plain OFF, OBJ or PLY"));
             }
             words.remove(0);
             if words.first().is_some_and(|word| word.eq_ignore_ascii_case(b"binary")) {
-                return Err(Error::unusable(path, "is a binary OFF file", "export the mesh as OFF of text, or as PLY"));
+                return Err(Error::unusable(path, "is a binary OFF file", "export the mesh as text OFF, or as PLY"));
             }
             if words.is_empty() {
                 line = lines.next().ok_or_else(missing)?;
@@ -214,7 +214,7 @@ pub(super) mod off {
         let count = |k: usize| {
             let word = words.get(k).copied().ok_or_else(missing)?;
             let number = integer_of(word).and_then(|number| u64::try_from(number).ok());
-            number.ok_or_else(|| line.wrong(path, &format!("{} is no number of vertices or faces", shown(word))))
+            number.ok_or_else(|| line.wrong(path, &format!("{} is not a number of vertices or faces", shown(word))))
         };
         Ok((lines, count(0)?, count(1)?))
     }
@@ -231,7 +231,7 @@ pub(super) mod off {
         let number = integer_of(word).and_then(|number| u64::try_from(number).ok());
         // A count above the number of bytes in the line must be wrong.
         let number = number.filter(|&number| number <= line.text.len() as u64);
-        number.ok_or_else(|| line.wrong(path, &format!("{} is no number of corners that follow", shown(word))))
+        number.ok_or_else(|| line.wrong(path, &format!("{} is not a number of corners", shown(word))))
     }
 
     /// Counts the elements of the mesh.

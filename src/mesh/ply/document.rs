@@ -270,7 +270,7 @@ impl Document {
             Fault::Text(text) => Error::malformed(
                 &self.path,
                 place,
-                format!("{text} does not go with the type of its property"),
+                format!("{text} does not fit the type of its property"),
                 "write the mesh as text",
             ),
             _ => Error::malformed(&self.path, place, "the file changed while it was in use", CUT_SHORT),
@@ -483,7 +483,7 @@ mod tests {
         let labelling = Labelling { labels: &[0], colours: &[], quality: None, names: &[] };
         write_labelled(&mesh, &out, &labelling, PlyForm::Ascii, &run).unwrap();
         let said = write_labelled(&mesh, &out, &labelling, PlyForm::Binary, &run).unwrap_err().to_string();
-        assert!(said.contains("face 0: vertex 256 does not go with the type") && said.contains("as text"), "{said}");
+        assert!(said.contains("face 0: vertex 256 does not fit the type") && said.contains("as text"), "{said}");
     }
 
     #[test]

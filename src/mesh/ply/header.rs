@@ -383,14 +383,14 @@ impl Statements {
             ["property", ref types @ .., name] if !types.is_empty() => {
                 let element = self.names.len();
                 let Some((_, properties)) = self.names.last_mut() else {
-                    return Err("a property stands before the first element".into());
+                    return Err("a property precedes the first element".into());
                 };
                 self.lines.push(Line::Property(element - 1, properties.len()));
                 let wrote = writeln!(self.plain, "property {} p{}", types.join(" "), properties.len());
                 properties.push(name.to_owned());
                 wrote
             }
-            _ => return Err(format!("{} is no statement of a PLY header", shown(line))),
+            _ => return Err(format!("{} is not a statement of a PLY header", shown(line))),
         };
         self.originals.push((number, shown(line)));
         Ok(())
@@ -406,7 +406,7 @@ impl Statements {
                     let statement = plain.lines().nth(line + 1).unwrap_or_default();
                     let wide = statement.split(' ').find(|word| ["int64", "uint64"].contains(word));
                     let problem = match wide {
-                        Some(word) => format!("{word} is no type of PLY, whose widest integers are int and uint"),
+                        Some(word) => format!("{word} is not a PLY type; the widest integers are int and uint"),
                         None => format!("{original} is not valid PLY"),
                     };
                     (format!("header line {number}"), problem)
@@ -551,11 +551,11 @@ mod tests {
                 "ply\nformat ascii 1.0\nelement a 1\nproperty flot x\nend_header\n",
                 "header line 4: \"property flot x\" is not valid PLY",
             ),
-            ("ply\ncomment\nfoo 1\nend_header\n", "header line 3: \"foo 1\" is no statement"),
-            ("ply\nformat ascii 1.0\nproperty int x\nend_header\n", "header line 3: a property stands"),
+            ("ply\ncomment\nfoo 1\nend_header\n", "header line 3: \"foo 1\" is not a statement"),
+            ("ply\nformat ascii 1.0\nproperty int x\nend_header\n", "header line 3: a property precedes"),
             (
                 "ply\nformat ascii 1.0\nelement a 1\nproperty list uchar uint64 vertex_indices\nend_header\n",
-                "header line 4: uint64 is no type of PLY",
+                "header line 4: uint64 is not a PLY type",
             ),
             ("ply\nend_header\n", "header: No format"),
             ("ply\nformat ascii 1.0\nelement a 99999999999999999999\nend_header\n", "header line 3"),

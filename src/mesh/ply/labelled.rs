@@ -174,8 +174,8 @@ impl LabelledFile<'_> {
     fn check(&self) -> Result<()> {
         let Self { mesh, labelling, options, .. } = *self;
         if options.split_faces && (options.split_vertices || options.vertex_labels) {
-            let problem = "does not go with labels of vertices or vertices of their own";
-            return Err(Error::parameter("split_faces", problem, "ask for one of them"));
+            let problem = "cannot be combined with vertex labels or split vertices";
+            return Err(Error::parameter("split_faces", problem, "choose one of them"));
         }
         labelling.fit(mesh.faces.len())?;
         labelling.fit_ply(options.vertex_labels || options.split_vertices)

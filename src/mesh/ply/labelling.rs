@@ -100,7 +100,7 @@ impl Labelling<'_> {
         let most = if of_vertices { 1 << 24 } else { i32::MAX as u32 };
         match self.labels.iter().max() {
             Some(&label) if label > most => {
-                let problem = format!("{label} is beyond {most}, the greatest label that such a file holds");
+                let problem = format!("{label} exceeds {most}, the largest label that such a file can hold");
                 Err(Error::parameter("labels", problem, "number the parts from 0, or write a .npy or .seg"))
             }
             _ => Ok(()),

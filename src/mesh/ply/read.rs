@@ -84,7 +84,7 @@ impl<'a> Decoder<'a> {
     fn error(&self, element: &Element, record: usize, fault: Fault) -> Error {
         let place = format!("{} {record}", element.name.escape_debug());
         let (problem, remedy) = match fault {
-            Fault::End => (format!("the file ends here, {} were promised", element.count), CUT_SHORT),
+            Fault::End => (format!("the file ends here, but {} were declared", element.count), CUT_SHORT),
             Fault::Text(text) => {
                 (format!("{text} is not a number of the right type"), "correct the file or export it again")
             }

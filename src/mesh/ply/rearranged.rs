@@ -346,7 +346,7 @@ mod tests {
         };
         let turned: Vec<u32> = (0..VERTICES).rev().collect();
         let said = written(&turned, PlyForm::Binary).unwrap_err().to_string();
-        assert!(said.contains("edge 0: vertex 299 does not go with the type"), "{said}");
+        assert!(said.contains("edge 0: vertex 299 does not fit the type"), "{said}");
         assert!(written(&turned, PlyForm::Ascii).unwrap().ends_with(b"299 298\n99 -1\n"));
         // Invalid indices are kept.
         let kept: Vec<u32> = (0..VERTICES).collect();

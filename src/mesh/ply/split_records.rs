@@ -39,13 +39,13 @@ impl SplitRecords<'_> {
             matches!(kind, Kind::One(scalar) if !scalar.is_real())
         };
         if document.axes.iter().any(whole) && !self.split.vertices.is_empty() {
-            let problem = "has whole coordinates, between which new vertices have no place".to_owned();
+            let problem = "has integer coordinates, which cannot represent new vertices".to_owned();
             return refuse(problem, "write it with coordinates of type float, or leave out `split_faces`");
         }
         let last = self.split.vertex_count() as u64 - 1;
         match elements[document.face].properties[document.list].kind {
             Kind::List { item, .. } if !document.strips && last > item.greatest() => {
-                let problem = format!("its faces name vertices by {}, which has no room for {last}", item.word());
+                let problem = format!("its faces index vertices by {}, which cannot hold {last}", item.word());
                 refuse(problem, "write it with vertex indices of type int, or leave out `split_faces`")
             }
             _ => Ok(()),
@@ -340,9 +340,9 @@ mod tests {
         let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[] };
         let path = dir.path().join("a.ply");
         for (index, coordinate, part) in [
-            (Scalar::I8, Scalar::F32, "its faces name vertices by char, which has no room for"),
-            (Scalar::I32, Scalar::I16, "whole coordinates"),
-            (Scalar::I32, Scalar::U16, "whole coordinates"),
+            (Scalar::I8, Scalar::F32, "its faces index vertices by char, which cannot hold"),
+            (Scalar::I32, Scalar::I16, "integer coordinates"),
+            (Scalar::I32, Scalar::U16, "integer coordinates"),
         ] {
             sheet(&path, Encoding::Little, index, coordinate);
             if coordinate == Scalar::U16 {
@@ -362,7 +362,7 @@ mod tests {
             let message = write(split).unwrap_err().to_string();
             assert!(message.contains(part) && !message.contains('\n'), "{message}");
             let both = write(PlyOptions { split_vertices: true, ..split }).unwrap_err().to_string();
-            assert!(both.contains("ask for one of them"), "{both}");
+            assert!(both.contains("choose one of them"), "{both}");
         }
     }
 }

@@ -212,7 +212,11 @@ fn faces_of(mesh: &Mesh, bits: &Bits, run: &Run) -> Result<(Vec<u32>, Grant)> {
     let corners: u64 = run.map_chunks(chunk_count(n, CHUNK), || (), count)?.into_iter().sum();
     let grant = run.budget.take("faces along boundaries", BYTES * corners, BYTES * corners)?;
     if u32::try_from(corners).is_err() {
-        return Err(Error::unusable(mesh.path(), "has more than 2^32 corners along boundaries", "cut it coarser"));
+        return Err(Error::unusable(
+            mesh.path(),
+            "has more than 2^32 corners along boundaries",
+            "cut it into fewer parts",
+        ));
     }
     let find = |k, (): &mut ()| {
         let mut mine = Vec::new();
