@@ -29,7 +29,7 @@ impl Mesh {
         let most = MOST_FACES.min(MOST_CORNERS / 3);
         if creature.face_count() > most {
             let problem = format!("{faces} faces are more than can be numbered");
-            return Err(Error::parameter("faces", problem, format!("ask for at most {}", most / 100 * 99)));
+            return Err(Error::parameter("faces", problem, format!("request at most {}", most / 100 * 99)));
         }
         let positions = (0..creature.vertex_count()).map(|v| creature.position(v)).collect();
         let faces = (0..creature.face_count()).map(|f| creature.face(f)).collect();

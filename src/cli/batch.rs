@@ -343,7 +343,7 @@ impl Batch<'_> {
         };
         let look: Vec<String> = tally.reports.iter().filter_map(doubtful).collect();
         if shows_lines && !look.is_empty() {
-            tell(&format!("look at {} of {}: {}", look.len(), tally.reports.len(), look.join(", ")));
+            tell(&format!("check {} of {}: {}", look.len(), tally.reports.len(), look.join(", ")));
         }
         self.task.args.json.publish(&tally.reports.values().collect::<Vec<_>>())?;
         let (all, failed) = (self.jobs.len(), tally.failed.len());

@@ -241,9 +241,8 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
         .map_err(|error| of_file(error, "map", args.initial_map.as_deref()))?;
     tell(&result, args.method.alternative, &run);
     if !params.partial && one_is_open(&result) {
-        run.progress.note(
-            "one mesh has an open boundary that the other does not have; if it is a part of the other, use --partial",
-        );
+        run.progress
+            .note("one mesh has an open boundary that the other lacks; if it is a part of the other, use --partial");
     }
     let write = || {
         args.output.iter().try_for_each(|path| files::write(path, &result.matches, &run))?;
@@ -327,17 +326,17 @@ fn tell(result: &Correspondence, chosen: usize, run: &Run) {
     let found = &result.alignments.found;
     if !result.partial.is_empty() {
         if result.alignments.ambiguous {
-            run.progress.note("ambiguous: the part may lie elsewhere on the whole, or mirrored; look at the picture");
+            run.progress.note("ambiguous: the part may also match elsewhere, or mirrored; check the picture");
         }
     } else if found.len() > 1 {
         let others = found.len() - 1;
         run.progress.note(&format!(
-            "ambiguous: the shape maps onto itself, {others} other alignment{} fit{} about as well; took {chosen}, see \
-             --alternative and the report",
+            "ambiguous: the shape is symmetric, and {others} other alignment{} fit{} about as well; used {chosen}, \
+             see --alternative and the report",
             if others == 1 { "" } else { "s" },
             if others == 1 { "s" } else { "" },
         ));
     } else if result.alignments.ambiguous {
-        run.progress.note("ambiguous: the shape hardly tells left from right; matches may be mirrored");
+        run.progress.note("ambiguous: left and right of the shape are hard to distinguish; matches may be mirrored");
     }
 }

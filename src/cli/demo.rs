@@ -77,7 +77,7 @@ pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     ];
     let part = |part: &Part| format!("  part {:2}  {:>9} faces  rgb {:?}", part.label, part.faces, part.colour);
     lines.extend(report.parts.iter().map(part));
-    lines.push(format!("look at {} in MeshLab, or draw it: nystrom-stream picture {0}\n", ply.display()));
+    lines.push(format!("open {} in MeshLab, or draw it: nystrom-stream picture {0}\n", ply.display()));
     Ok(print(lines.join("\n").as_bytes())?)
 }
 

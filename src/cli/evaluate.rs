@@ -196,7 +196,8 @@ fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: 
     let (errors, _) = run.stage("march", "vertices", pairs.len() as u64, evaluate)?;
     let errors = Errors::of(errors, unmatched);
     let mut text = format!(
-        "{} vertices judged, {} without a match\nerror over √area: mean {:.4}, median {:.4}, 90 % below {:.4}, greatest {:.4}\n",
+        "{} vertices scored, {} without a match\nerror / √area: mean {:.4}, median {:.4}, 90 % below {:.4}, greatest \
+         {:.4}\n",
         errors.judged, errors.unmatched, errors.mean, errors.median, errors.ninth_decile, errors.most
     );
     for (i, share) in errors.curve.iter().enumerate().filter(|(i, _)| [0, 2, 5, 10, 20, 30, 40, 50].contains(i)) {

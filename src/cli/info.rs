@@ -130,7 +130,7 @@ fn measured(m: &MeshMeasures) -> String {
     let kinds = [(m.triangles, "triangle"), (m.quads, "quad"), (m.polygons, "larger polygon")];
     let kinds = kinds.iter().filter(|(count, _)| *count > 0).map(|&(count, word)| counted(count as usize, word));
     let incomplete = (m.incomplete_faces > 0)
-        .then(|| format!("{} of less than three corners", counted(m.incomplete_faces as usize, "face")));
+        .then(|| format!("{} with fewer than three corners", counted(m.incomplete_faces as usize, "face")));
     rows.push(("faces", kinds.chain(incomplete).collect::<Vec<_>>().join(", ")));
     if let Some([low, high]) = m.all.bounds {
         let size = [0, 1, 2].map(|axis| high[axis] - low[axis]);
@@ -145,12 +145,14 @@ fn measured(m: &MeshMeasures) -> String {
             Some(volume) if volume < 0. => format!("{:.6}, wound inwards", Significant(-volume)),
             Some(volume) => format!("{:.6}", Significant(volume)),
             None if m.all.open_edges > 0 => "none: the surface is open".into(),
-            None if m.degenerate_faces > 0 => "none: faces are not wound one way, or lack a place in space".into(),
-            None => "none: the faces are not wound one way".into(),
+            None if m.degenerate_faces > 0 => {
+                "none: faces are not consistently oriented or lack finite coordinates".into()
+            }
+            None => "none: faces are not consistently oriented".into(),
         },
     ));
     rows.push(("components", m.components.to_string()));
-    let loops = m.boundary_loops.map_or(", too many to count loops in this memory".into(), |loops| match loops {
+    let loops = m.boundary_loops.map_or(", loops not counted for lack of memory".into(), |loops| match loops {
         0 => String::new(),
         loops => format!(" in {}", counted(loops as usize, "loop")),
     });
@@ -158,9 +160,9 @@ fn measured(m: &MeshMeasures) -> String {
     rows.push(("non-manifold", counted(m.nonmanifold_edges as usize, "edge")));
     rows.push(("degenerate", counted(m.degenerate_faces as usize, "face")));
     let odd = [
-        (m.welded_edges, "welded", "edges at the position of another, as at texture seams"),
-        (m.unoriented_edges, "unoriented", "edges where no winding agrees"),
-        (m.stray_vertices, "strays", "vertices far outside of the rest"),
+        (m.welded_edges, "welded", "edges at the same position as another, as at texture seams"),
+        (m.unoriented_edges, "unoriented", "edges without a consistent winding"),
+        (m.stray_vertices, "strays", "vertices far outside the rest"),
     ];
     rows.extend(odd.iter().filter(|(n, ..)| *n > 0).map(|(n, name, what)| (*name, format!("{n} {what}"))));
     rows.iter().map(|(name, value)| format!("{name:14}{value}\n")).collect()
@@ -184,18 +186,18 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
     let per_face = |bytes: u64| faces.map_or(String::new(), |n| format!("{:8.2} B/face", bytes as f64 / n));
     let name = line(&path.to_string_lossy()).into_owned();
     let mut text = if manifest.stages.is_empty() && !inner.is_empty() {
-        format!("{name}, of correspond, with a folder for each mesh\n")
+        format!("{name}, made by correspond, with a folder for each mesh\n")
     } else {
         format!("{name}, format {}, by {}\n", manifest.format, line(&manifest.program))
     };
     if let Some(mesh) = input::recorded_mesh(&work) {
-        let _ = writeln!(text, "of {}", line(&mesh.to_string_lossy()));
+        let _ = writeln!(text, "mesh {}", line(&mesh.to_string_lossy()));
     }
     let mut total = 0;
     let mut list = |manifest: &Manifest, folder: &str| {
         let matched = manifest.stages.get("vertex graph").and_then(|stage| stage.inputs["input"]["file"].as_str());
         if let Some(mesh) = matched {
-            let _ = writeln!(text, "{folder} of {}", line(mesh));
+            let _ = writeln!(text, "{folder} mesh {}", line(mesh));
         }
         for (name, stage) in &manifest.stages {
             let _ = writeln!(text, "{folder}{}  key {}  {:.3} s", line(name), line(&stage.key), stage.seconds);

@@ -111,7 +111,7 @@ impl Command {
     fn how_to_continue(&self) -> Option<String> {
         let dir = match self {
             Self::Segment(args) if args.work_dir.is_none() => {
-                let rest = "the same command goes on with the rest";
+                let rest = "the same command continues with the rest";
                 let some = args.meshes.len() > 1 || args.meshes.iter().any(|mesh| mesh.is_dir() || !mesh.exists());
                 return if args.resume { Some(rest.into()) } else { some.then(|| format!("with --resume {rest}")) };
             }
@@ -132,7 +132,7 @@ impl Command {
 }
 
 fn continue_from(dir: &std::path::Path) -> String {
-    format!("the same command goes on from {}", dir.display())
+    format!("the same command continues from {}", dir.display())
 }
 
 /// How the program ends.

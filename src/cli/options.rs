@@ -69,8 +69,10 @@ pub struct ForceArgs {
 pub fn open(path: &Path, run: &Run) -> Result<WorkDir> {
     let work = WorkDir::open(path)?;
     if !work.is_locked() {
-        run.progress
-            .note_of_work(&format!("{}: the file system has no locks; run one command at a time", path.display()));
+        run.progress.note_of_work(&format!(
+            "{}: the file system does not support locks; run one command at a time",
+            path.display()
+        ));
     }
     Ok(work)
 }

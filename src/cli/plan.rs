@@ -72,7 +72,7 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
 
 pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     if args.mesh.as_os_str() == "-" {
-        let text = "the size of standard input is unknown until it is read; name a file";
+        let text = "standard input has no known size until it is read; give a file";
         return Err(CliError::Usage(text.into()));
     }
     check_places([&args.mesh], None, &args.json.json)?;
@@ -97,12 +97,12 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     if order_is_open(&params, size.faces) {
         let sorted = Plan::new(size, &params, true, lasting, &run);
         let more = human((sorted.disk_peak - plan.disk_peak) as f64);
-        notes.push(format!("if the order of the file is poor: {more}B of disk more, to sort faces along a curve"));
+        notes.push(format!("if the order of the file is poor: {more}B more disk space, to sort faces along a curve"));
     }
     if plan.memory > run.budget.total() {
         let (needed, budget) = (human(plan.memory as f64), human(run.budget.total() as f64));
         notes.push(format!(
-            "warning: {needed}B are allocated although --max-memory is {budget}B: they do not depend on the mesh"
+            "warning: at least {needed}B are allocated whatever the mesh, although --max-memory is {budget}B"
         ));
     }
     let short_of_disk = plan.check_disk(&folder, 0);
@@ -136,16 +136,16 @@ fn table(plan: &Plan) -> String {
         text += &row([words(stage.name), &memory, &keeps, &passing, &frees, &seconds(stage.seconds)]);
     }
     let (memory, disk, peak) = (bytes(plan.memory), bytes(plan.disk), bytes(plan.disk_peak));
-    text += &row(["in all", &memory, &disk, "", "", &seconds(plan.seconds)]);
+    text += &row(["overall", &memory, &disk, "", "", &seconds(plan.seconds)]);
     let smooth = match plan.disk_peak_smooth {
         least if least < plan.disk_peak => format!(" for a rough surface, {} for a smooth one", bytes(least)),
         _ => String::new(),
     };
-    let _ = writeln!(text, "the disk holds at most {peak}{smooth}, besides the output");
+    let _ = writeln!(text, "peak disk use: {peak}{smooth}, besides the output");
     if let Some(slow) = plan.seconds_rough {
         let _ = writeln!(
             text,
-            "the seconds are those of a smooth surface; a rough one, such as a raw scan, takes some {slow:.1} s"
+            "seconds are for a smooth surface; a rough one, such as a raw scan, takes about {slow:.1} s"
         );
     }
     text

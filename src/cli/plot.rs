@@ -136,7 +136,7 @@ pub fn run(args: &PlotArgs) -> Result<(), CliError> {
         let colours = known.unwrap_or_else(|| colours_of(&tree, &cut));
         let threshold = detail_threshold(params.detail);
         let threshold = (params.count == PartCount::Found).then_some(threshold);
-        let how = threshold.map_or("as asked for".to_string(), |level| format!("cut at {level:.2}, dashed"));
+        let how = threshold.map_or("as requested".to_string(), |level| format!("cut at {level:.2}, dashed"));
         let title = format!("{}: {} parts, {how}", found.name, cut.parts);
         let plot = Dendrogram::of(&tree, &cut);
         let plot = TreePlot { title: &title, plot: &plot, colours: &colours, threshold };

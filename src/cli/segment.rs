@@ -122,7 +122,7 @@ impl Job {
         let done = newer
             && provenance.is_some_and(|provenance| self.outputs.iter().all(|output| provenance.is_current(output)));
         if newer && !done {
-            progress.note_of_work("its outputs are not known to be of this mesh and these options, and are made anew");
+            progress.note_of_work("its outputs may be from another mesh or other options, and are written again");
         }
         done
     }
@@ -170,7 +170,7 @@ fn doubts(facts: &LikeFacts) -> String {
     }
     if !facts.missing.is_empty() {
         let parts: Vec<String> = facts.missing.iter().take(SHOWN_PARTS).map(u32::to_string).collect();
-        text += &format!(", without part {}", parts.join(", "));
+        text += &format!(", missing part {}", parts.join(", "));
         if facts.missing.len() > SHOWN_PARTS {
             text += &format!(" and {} more", facts.missing.len() - SHOWN_PARTS);
         }
@@ -205,7 +205,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     }
     let likeness = transferred.as_ref().map(|transferred| &transferred.facts);
     if let Some(facts) = likeness.filter(|facts| facts.look) {
-        run.progress.note(&format!("look at {}: {}", path.display(), doubts(facts)));
+        run.progress.note(&format!("check {}: {}", path.display(), doubts(facts)));
     }
     let report = || {
         let (context, peak) = (Context::new(&work, run), Some((app.peak)()));

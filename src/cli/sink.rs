@@ -40,7 +40,7 @@ impl Sink {
     pub fn check(&self) -> Result<()> {
         let Self::File(path) = self else { return Ok(()) };
         if path.is_dir() && !path.as_os_str().as_encoded_bytes().ends_with(b"/") {
-            return Err(Error::unusable(path, "is a folder", "name a file"));
+            return Err(Error::unusable(path, "is a folder", "give a file"));
         }
         if partial_name(path).file_name().is_some_and(|name| name.len() > LONGEST_NAME) {
             return Err(Error::unusable(path, "its name is too long: it has more than 247 bytes", "shorten it"));

@@ -239,7 +239,7 @@ impl ResumeState {
         done.retain(|&k, entry| spec.wants(k) && sound(entry) && whole(k, entry));
         if !done.is_empty() {
             context.run.progress.note_of_work(&format!(
-                "rows: {} of {} taken over from an earlier run",
+                "rows: {} of {} reused from an earlier run",
                 done.len(),
                 spec.wanted()
             ));

@@ -242,7 +242,8 @@ impl Running<'_, '_> {
         if sampler.is_costly() {
             let l = spec.rows;
             run.progress.note_of_work(&format!(
-                "landmarks: choosing them took the time of {cost:.1} distance rows, besides the {l} rows themselves"
+                "landmarks: choosing them took as long as {cost:.1} distance rows, in addition to the {l} rows \
+                 themselves"
             ));
         }
         Ok(())

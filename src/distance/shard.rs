@@ -49,7 +49,7 @@ pub fn compute(
     }
     let spec = JobSpec { shard, of, ..whole };
     if DistanceRows::is_done(&spec, context.work) {
-        context.run.progress.note_of_work(&format!("rows: shard {shard}/{of} is merged already"));
+        context.run.progress.note_of_work(&format!("rows: shard {shard}/{of} is already merged"));
         return Ok(spec.wanted());
     }
     let stem = stem(shard, of);
@@ -58,7 +58,7 @@ pub fn compute(
     let done = Journal::read(&context.work.file(&journal))
         .is_some_and(|(found, entries)| found == spec && entries.len() >= wanted);
     if done && context.work.file(&array).exists() {
-        context.run.progress.note_of_work(&format!("rows: shard {shard}/{of} is done already"));
+        context.run.progress.note_of_work(&format!("rows: shard {shard}/{of} is already done"));
         return Ok(wanted);
     }
     // A file of other options must go: if a run is killed after its journal is complete and before its file is renamed,
@@ -89,7 +89,7 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
         Err(error) => {
             let merged = if any(context.work)? { None } else { DistanceRows::finished(context.work) };
             if merged.is_some() {
-                context.run.progress.note_of_work("merge: done already");
+                context.run.progress.note_of_work("merge: already done");
             }
             return merged.ok_or(error);
         }

@@ -189,9 +189,9 @@ impl SharedFront<'_> {
         let Context { work, run } = context;
         let found = self.shares(work)?;
         if let Some(Shares { shares, .. }) = &found {
-            run.progress.note_of_work(&format!("{}: put together from {} shares", self.name, shares.len()));
+            run.progress.note_of_work(&format!("{}: combined from {} shares", self.name, shares.len()));
         } else if let Some(of) = self.divisions(work)?.first() {
-            let problem = format!("not all {of} shares are there, whole and of these options");
+            let problem = format!("not all {of} shares are present, complete and made with these options");
             run.progress.note_of_work(&format!("{}: {problem}; computed without them", self.name));
         }
         Ok(found)
@@ -259,7 +259,7 @@ impl SharedFront<'_> {
         let Context { work, run } = context;
         let (own, stem) = (self.own(shard, of), self.stem(shard, of));
         if self.finished(shard, of, work).is_some() {
-            run.progress.note_of_work(&format!("{}: shard {shard}/{of} is done already", self.name));
+            run.progress.note_of_work(&format!("{}: shard {shard}/{of} is already done", self.name));
             return Ok(own.len());
         }
         let make = || {

@@ -70,7 +70,8 @@ impl GraphFacts {
     /// The note about faces without a position in the file `path`, if there are any.
     pub fn note(&self, path: &Path) -> Option<String> {
         let verb = if self.unplaced_faces == 1 { "face has a corner" } else { "faces have corners" };
-        let why = "whose coordinates are not finite numbers: without area, with the label of what is around";
+        let why = "whose coordinates are not finite numbers: treated as having no area, and labelled like the faces \
+                   around";
         (self.unplaced_faces > 0).then(|| format!("{}: {} {verb} {why}", path.display(), self.unplaced_faces))
     }
 }

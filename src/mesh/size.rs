@@ -81,7 +81,7 @@ fn head_of(path: &Path, bytes: &[u8]) -> Result<Vec<u8>> {
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unusable`].
 pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
     if is_pipe(path) {
-        return Err(Error::unusable(path, "is a pipe, whose size is unknown until it is read", "name a file"));
+        return Err(Error::unusable(path, "is a pipe, whose size is unknown until it is read", "give a file"));
     }
     let bytes = MappedBytes::open(path)?;
     let compressed = import::is_compressed(&bytes);

@@ -64,7 +64,7 @@ impl Mesh {
     /// The note about [`Mesh::strays`].
     pub(crate) fn strays_note(&self) -> String {
         let verb = if self.strays() == 1 { "vertex lies" } else { "vertices lie" };
-        let why = "far outside of the rest: the mean of the neighbours is used instead";
+        let why = "far outside the rest: the mean of the neighbours is used instead";
         format!("{}: {} {verb} {why}", self.path().display(), self.strays())
     }
 

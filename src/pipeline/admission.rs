@@ -95,7 +95,8 @@ fn admitted(force: bool, context: Context<'_>, check: impl FnOnce(&WorkDir) -> R
     }
     match check(work) {
         Err(Error::WorkDir { .. }) if force => {
-            run.progress.note_of_work(&format!("{}: emptied, since it was of another mesh", work.path().display()));
+            run.progress
+                .note_of_work(&format!("{}: emptied, since it belonged to another mesh", work.path().display()));
             work.clear()
         }
         checked => checked,

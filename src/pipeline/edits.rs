@@ -280,7 +280,7 @@ fn around(edits: &Edits, tree: &PartTree, own: &State<'_>, kept: &[Option<usize>
     let few = |_| {
         let last = own.protected.values().copied().max().unwrap_or(0);
         let problem = format!("{} protected parts and the rest cannot make {parts} parts", ids.len());
-        edits.wrong(last, problem, "ask for another number of parts, or remove the edit")
+        edits.wrong(last, problem, "request another number of parts, or remove the edit")
     };
     let pieces = if outside.is_empty() { Vec::new() } else { tree.split(&outside, rest).map_err(few)? };
     let place = |part: &u32| ids.iter().position(|id| id == part).map_or(0, |place| (rest + place) as u32);

@@ -306,7 +306,7 @@ impl Plan {
     /// A one-line warning if a rough surface, but not a smooth one, would exceed the disk under `folder`.
     pub fn disk_warning(&self, folder: &Path, there: u64) -> Option<String> {
         self.lack_of_disk(folder, there, self.disk_peak).map(|(needed, available)| {
-            format!("{needed} bytes of disk are needed if the surface is rough, {available} are free")
+            format!("{needed} bytes of disk space are needed if the surface is rough, but only {available} are free")
         })
     }
 
@@ -322,8 +322,8 @@ impl Plan {
     pub fn warning(&self, cache: u64) -> Option<String> {
         (self.random_access_bytes > cache).then(|| {
             format!(
-                "fronts walk over {:.1} GB of mapped files, and {:.1} GB of memory are left for them: expect them to wait \
-                 for the disk",
+                "fronts traverse {:.1} GB of mapped files, but only {:.1} GB of memory are left to cache them: expect \
+                 waits for the disk",
                 self.random_access_bytes as f64 / 1e9,
                 cache as f64 / 1e9
             )

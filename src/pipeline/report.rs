@@ -195,9 +195,9 @@ impl Report {
     pub fn inside(&self) -> Option<String> {
         let Enclosed { walls, bodies } = self.decision.as_ref()?.enclosed;
         let percent = |share: f64| format!("{:.0} % of the area", 100. * share);
-        let labelled = if self.walls_label.is_some() { "are one part" } else { "have the labels of the outside" };
+        let labelled = if self.walls_label.is_some() { "are one part" } else { "get the labels of the outer surface" };
         let walls = (walls > 0.).then(|| format!("walls of cavities, {}, {labelled}", percent(walls)));
-        let bodies = (bodies > 0.).then(|| format!("bodies within, {}, are cut on their own", percent(bodies)));
+        let bodies = (bodies > 0.).then(|| format!("enclosed bodies, {}, are cut separately", percent(bodies)));
         match (walls, bodies) {
             (Some(walls), Some(bodies)) => Some(format!("{walls}; {bodies}")),
             (walls, bodies) => walls.or(bodies),
@@ -209,11 +209,11 @@ impl Report {
         let unsure: Vec<String> = self.unsure().map(|label| label.to_string()).collect();
         match (self.clear_parts?, unsure.as_slice()) {
             (false, _) if self.parts.len() < 2 => Some("no clear parts: the mesh is left whole".into()),
-            (false, _) => Some("no clear parts: people would hardly agree on these".into()),
+            (false, _) => Some("no clear parts: people would hardly agree on them".into()),
             (true, []) => None,
-            (true, [one]) => Some(format!("part {one} is unsure: most people would not have it")),
+            (true, [one]) => Some(format!("part {one} is unsure: most people would not cut it out")),
             (true, [some @ .., last]) => {
-                Some(format!("parts {} and {last} are unsure: most people would not have them", some.join(", ")))
+                Some(format!("parts {} and {last} are unsure: most people would not cut them out", some.join(", ")))
             }
         }
     }

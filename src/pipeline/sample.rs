@@ -79,7 +79,8 @@ impl WeightedSurface<'_> {
             return Ok(first);
         }
         context.run.progress.note(&format!(
-            "landmarks: {:.0} % of the surface is nearest to one of {l}, the others are outliers; drawn by area instead",
+            "landmarks: {:.0} % of the surface is nearest to one of {l}: the others are outliers; drawn by area \
+             instead",
             100. * share
         ));
         context.work.remove(ROWS);

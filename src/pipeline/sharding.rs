@@ -294,8 +294,7 @@ impl SharedWork<'_> {
 /// Notes that a share is empty, since the mesh is small or later stages exist. Returns 0, the number of its faces or
 /// rows.
 fn nothing_to_do(run: &Run) -> usize {
-    run.progress
-        .note_of_work("nothing to do: small meshes are not divided, and what is made already is not made again");
+    run.progress.note_of_work("nothing to do: small meshes are not divided, and existing results are reused");
     0
 }
 
@@ -321,7 +320,7 @@ fn landmarks_over_faces(params: &SegmentParams, faces: usize) -> Result<usize> {
 /// As [`super::segment()`], and [`Error::WorkDir`] where another process uses the directory.
 pub fn prepare_shared(shared: SharedWork<'_>, open: impl FnOnce() -> Result<Mesh>, context: Context<'_>) -> Result<()> {
     if shared.is_prepared(context.work, context.run) {
-        context.run.progress.note_of_work("everything before the shares is there already");
+        context.run.progress.note_of_work("everything before the shares is already done");
         return Ok(());
     }
     shared.prepare(&open()?, context)

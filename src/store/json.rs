@@ -34,8 +34,7 @@ pub fn read_small(path: &Path) -> Result<Vec<u8>> {
         return Err(Error::unusable(
             path,
             "is larger than 64 MiB, too large for a file of this kind",
-            "give the right \
-                                          file",
+            "give the right file",
         ));
     }
     Ok(text)

@@ -165,7 +165,7 @@ impl MappedBytes {
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         let metadata = file.metadata().map_err(Error::io(path, "access"))?;
         if metadata.is_dir() {
-            return Err(Error::unusable(path, "is a folder, not a file", "name a file"));
+            return Err(Error::unusable(path, "is a folder, not a file", "give a file"));
         }
         if metadata.len() == 0 {
             return Ok(Self { map: None });

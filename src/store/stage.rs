@@ -147,7 +147,7 @@ impl Context<'_> {
                 return stage.open(facts, &key, self);
             }
             Err(RebuildReason::NotMade) => {}
-            Err(reason) => self.run.progress.note_of_work(&format!("{}: made anew, {reason}", S::NAME)),
+            Err(reason) => self.run.progress.note_of_work(&format!("{}: rebuilt, {reason}", S::NAME)),
         }
         let (made, seconds) = match stage.progress() {
             Some((unit, total)) => self.run.stage(S::NAME, unit, total, || stage.make(&key, self))?,

@@ -115,7 +115,7 @@ fn finished_outputs_are_skipped_on_request() {
     let pattern = out.join("{}.seg");
     let output = run(&["segment", word(&meshes), "--resume", "-k", "2", "-o", word(&pattern)]);
     assert!(errors(&output).contains("5 meshes: 4 done, 1 failed, in "), "{}", errors(&output));
-    assert!(errors(&output).contains("are made anew"), "{}", errors(&output));
+    assert!(errors(&output).contains("are written again"), "{}", errors(&output));
     let parts = |name: &str| nystrom_stream::mesh::read_seg(&out.join(name)).unwrap().into_iter().max();
     assert_eq!(parts("grid.seg"), Some(1));
     // Nor is a file that something else has written since.
@@ -262,7 +262,7 @@ fn an_interrupt_says_how_to_go_on() {
     assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
     let told: Vec<String> = lines.collect();
     assert_eq!(child.wait().unwrap().signal(), Some(2), "{told:?}");
-    let how = "nystrom-stream: interrupted; with --resume the same command goes on with the rest";
+    let how = "nystrom-stream: interrupted; with --resume the same command continues with the rest";
     assert_eq!(told, [how]);
     assert_eq!(names(dir.path()), ["creature_40000.ply", "creature_50000.ply"]);
 }

@@ -214,7 +214,7 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-l", "-3"], "--landmarks: invalid value '-3': out of range; choose from 1 to 4096"),
         (&["segment", mesh, "--threads", "-1"], "--threads: invalid value '-1': out of range"),
         (&["segment", mesh, "--seed", "99999999999999999999"], "too large"),
-        (&["plan", "-"], "standard input has no size"),
+        (&["plan", "-"], "standard input has no known size"),
         (&["segment", mesh, "-k", "0"], "0"),
         (&["segment", mesh, "-k", "two"], "invalid value 'two'"),
         (&["segment", mesh, "-k", "-3"], "--parts: invalid value '-3': not a whole number"),
@@ -225,7 +225,7 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         ),
         (&["segment", mesh, mesh, "-k", "2", "-o", "x.ply"], "-o names a single file"),
         (&["segment", mesh, mesh, "-k", "2", "--work-dir", "w"], "--work-dir can only be used with a single mesh"),
-        (&["segment", "-", mesh, "-k", "2"], "standard input is one mesh"),
+        (&["segment", "-", mesh, "-k", "2"], "standard input is a single mesh"),
         (&["segment", "-", "-k", "2", "--json"], "cannot both go to standard output"),
         (&["segment", mesh, "-k", "2", "-o", "-", "--json"], "cannot both go to standard output"),
         (&["segment", mesh, "-k", "2", "--delta", "0.1"], "--delta can only be used with --metric paper"),
@@ -429,7 +429,7 @@ fn an_interrupt_leaves_nothing_behind_or_a_work_directory_that_goes_on() {
         assert_eq!(child.wait().unwrap().signal(), Some(signal), "{rest:?}");
         let last = rest.last().unwrap();
         assert!(last.starts_with("nystrom-stream: interrupted"), "{rest:?}");
-        assert_eq!(last.contains("; the same command goes on from "), kept, "{last}");
+        assert_eq!(last.contains("; the same command continues from "), kept, "{last}");
         assert_eq!(names(&tmp), [""; 0]);
         assert!(names(dir.path()).iter().all(|name| !name.contains("segmented")));
         assert_eq!(work.exists(), kept);
@@ -766,13 +766,13 @@ fn outputs_replace_no_mesh_and_no_folder() {
         assert!(errors(&output).contains(problem), "{words:?}: {}", errors(&output));
     };
     let outputs = [path("scan.ply"), path("x.seg")].map(|path| word(&path).to_string());
-    refused(&["segment", word(&scan), "-o", &outputs[0]], 2, "has .partial behind while it is written");
+    refused(&["segment", word(&scan), "-o", &outputs[0]], 2, "is written to a .partial file first");
     let json = format!("--json={}", word(&mesh));
     for command in ["info", "verify", "merge"] {
         refused(&[command, "--work-dir", word(&work), &json], 2, "is an input, and would be overwritten");
     }
     let folder = format!("--json={}", word(dir.path()));
-    refused(&["segment", word(&mesh), "-o", &outputs[1], &folder], 1, "is a folder; name a file");
+    refused(&["segment", word(&mesh), "-o", &outputs[1], &folder], 1, "is a folder; give a file");
     let long = path(&"x".repeat(250)).with_extension("seg");
     refused(&["segment", word(&mesh), "-o", word(&long)], 1, "its name is too long");
     assert!(scan.exists() && std::fs::read(&mesh).unwrap() == std::fs::read(&scan).unwrap());

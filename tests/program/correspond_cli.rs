@@ -168,7 +168,7 @@ fn a_work_directory_keeps_graphs_and_rows_for_the_next_question() {
         let run = correspond(&a, &b, &words);
         let told = errors(&run);
         assert!(run.status.success() && told.matches("graph: reused").count() == 2, "{told}");
-        assert!(told.matches("rows: made anew").count() == 2, "{told}");
+        assert!(told.matches("rows: rebuilt").count() == 2, "{told}");
     }
     // Functions and matches, 400 bytes per vertex, were left there, and nothing told of them or took them away.
     for folder in [&work, &work.join("a"), &work.join("b")] {
@@ -301,7 +301,7 @@ fn a_work_directory_of_other_meshes_is_refused() {
         (run.status.code(), String::from_utf8_lossy(&run.stdout).into_owned() + &errors(&run))
     };
     let (code, text) = told(&["info", folder]);
-    let parts = ["of correspond", "a/ of creature_", "b/ of b.ply", "b/vertex rows", "distances.npy"];
+    let parts = ["made by correspond", "a/ mesh creature_", "b/ mesh b.ply", "b/vertex rows", "distances.npy"];
     assert!(code == Some(0) && parts.iter().all(|part| text.contains(part)), "{text}");
     let (code, text) = told(&["verify", "-q", folder]);
     assert!(code == Some(0) && text.contains("all intact"), "{text}");

@@ -478,7 +478,7 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     let labels = moved.face_property("label", &Run::new(&())).unwrap();
     assert!(agreement(&labels, &scene.before) > 0.9, "{}", agreement(&labels, &scene.before));
     if far["like"]["look"] == true {
-        assert!(errors(&output).contains("look at") && errors(&output).contains("moved.ply"), "{}", errors(&output));
+        assert!(errors(&output).contains("check ") && errors(&output).contains("moved.ply"), "{}", errors(&output));
     }
     // Regression: the work directory kept the numbers, colours and names from before those of the reference were given.
     let (near, work, out) = (path("scans/creature_6000.ply"), path("near.work"), path("near.ply"));

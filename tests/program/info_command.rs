@@ -66,7 +66,7 @@ fn faces_of_two_corners_are_told() {
     let text = TETRAHEDRON.replace("element face 4", "element face 6") + "2 0 1 9\n0 9\n";
     let mesh = write(dir.path(), "m.ply", &text);
     let told = String::from_utf8(run(&["info", word(&mesh)]).stdout).unwrap();
-    assert!(told.contains("4 triangles, 2 faces of less than three corners\n"), "{told}");
+    assert!(told.contains("4 triangles, 2 faces with fewer than three corners\n"), "{told}");
     let json: serde_json::Value = serde_json::from_slice(&run(&["info", "--json", word(&mesh)]).stdout).unwrap();
     let measures = &json["measures"];
     assert_eq!((&measures["incomplete_faces"], &measures["polygons"]), (&2.into(), &0.into()), "{measures}");

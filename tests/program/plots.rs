@@ -47,7 +47,7 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
     let words = ["export", "-q", "--work-dir", word(&work), "--tree", word(&tree)];
     assert!(common::run(&words).status.success());
     assert_eq!(plot(dir.path(), "tree.json --tree again.svg -k 3").0, 0);
-    assert!(text(dir.path(), "again.svg").contains("tree: 3 parts, as asked for"));
+    assert!(text(dir.path(), "again.svg").contains("tree: 3 parts, as requested"));
     assert_eq!(plot(dir.path(), "tree.json --tree one.svg --detail -1").0, 0);
     assert!(text(dir.path(), "one.svg").contains("tree: 1 parts, cut at 0.00"));
     // A number without a digit before its point was taken for an option.
@@ -56,13 +56,13 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
     // Another number of parts is drawn as the work directory has it.
     assert!(common::run(&["cluster", "-q", "--work-dir", word(&work), "-k", "4"]).status.success());
     assert_eq!(plot(dir.path(), "work --tree four.svg").0, 0);
-    assert!(text(dir.path(), "four.svg").contains("4 parts, as asked for"));
+    assert!(text(dir.path(), "four.svg").contains("4 parts, as requested"));
 
     for (words, code, reason) in [
         ("work", 2, "--eigenvalues"),
         ("work --tree x.gif", 2, "use .svg or .png"),
         ("work --eigenvalues x.svg -k 3", 2, "--tree"),
-        ("work --tree x.svg -k 100000", 2, "cannot be made"),
+        ("work --tree x.svg -k 100000", 2, "cannot make"),
         ("work --tree x.svg --detail 3", 2, "-1 to 1"),
         ("report.json --tree x.svg", 1, "holds no hierarchy"),
         ("tree.json --eigenvalues x.svg", 1, "holds no eigenvalues"),

@@ -98,7 +98,7 @@ fn rows_are_taken_over_one_by_one_and_torn_ones_are_not() {
     let output = ok(&arguments);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("distances.npy is missing"), "{said}");
-    assert!(said.contains(" of 8 taken over"), "{said}");
+    assert!(said.contains(" of 8 reused"), "{said}");
     assert!(std::fs::read(work.join("distances.npy")).unwrap() == rows);
 }
 
@@ -152,10 +152,10 @@ fn shards_and_merge_are_one_process_byte_for_byte() {
         assert!(String::from_utf8_lossy(&output.stderr).contains("rows: reused"));
         // Once more, as a scheduler would that did not learn how it ended.
         let told = |output: Output| String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(told(ok(&["merge", text(&many)])).contains("done already"));
+        assert!(told(ok(&["merge", text(&many)])).contains("already done"));
         let shard = ["rows", text(&mesh), "-k", "6", "-l", "7", "--cluster", method, "--work-dir", text(&many)];
         let told = told(ok(&[&shard[..], &["--shard", "1/3"]].concat()));
-        assert!(told.contains("is merged already") && !many.join("rows-1-of-3.npy").exists(), "{told}");
+        assert!(told.contains("is already merged") && !many.join("rows-1-of-3.npy").exists(), "{told}");
     }
     let work = dir.path().join("half");
     let half = ["rows", text(&mesh), "-k", "6", "--cluster", "kmeans", "--work-dir", text(&work), "--shard", "1/3"];
@@ -183,7 +183,7 @@ fn shares_of_k_means_are_one_process_byte_for_byte() {
     }
     let output = ok(&[&["segment", text(&mesh), "-o", text(&out)], &place[..], &method].concat());
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.contains("coarser mesh: reused") && said.contains("bands: put together from 2 shares"), "{said}");
+    assert!(said.contains("coarser mesh: reused") && said.contains("bands: combined from 2 shares"), "{said}");
     assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
 }
 
@@ -230,14 +230,14 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
             std::fs::write(&array, bytes).unwrap();
             for (k, shard) in shards.iter().enumerate() {
                 let again = told(&share(step, &["--shard", shard]));
-                assert_eq!(again.contains("is done already"), k > 0 && k + 1 < shards.len(), "{again}");
+                assert_eq!(again.contains("is already done"), k > 0 && k + 1 < shards.len(), "{again}");
             }
         }
         let output = ok(&["segment", text(&mesh), "--work-dir", text(&work), "-o", text(&out)]);
         let said = told(&output);
         assert!(said.contains("edge weights: reused") && said.contains("decision: reused"), "{said}");
         for front in ["depths", "bands"] {
-            assert!(said.contains(&format!("{front}: put together from {of} shares")), "{said}");
+            assert!(said.contains(&format!("{front}: combined from {of} shares")), "{said}");
         }
         assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
         for file in ["surface_shares", "graph_weights", "labels", "quality"] {
@@ -252,7 +252,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
         // A scheduler that did not learn how a share ended.
         for step in STEPS {
             let again = told(&share(step, &["--shard", &format!("0/{of}")]));
-            assert!(again.contains("nothing to do") || again.contains("is merged already"), "{again}");
+            assert!(again.contains("nothing to do") || again.contains("is already merged"), "{again}");
         }
     }
     // Of an unfinished division nothing is taken.
@@ -268,7 +268,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
     ] {
         assert!(said.contains(what), "{what} {said}");
     }
-    assert!(!said.contains("distance rows: reused") && said.contains("depths: put together from 1 shares"), "{said}");
+    assert!(!said.contains("distance rows: reused") && said.contains("depths: combined from 1 shares"), "{said}");
     assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
     // What cannot be divided is said to be done; what is no share is refused.
     let small = dir.path().join("small");

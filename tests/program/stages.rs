@@ -395,7 +395,7 @@ fn what_is_missing_is_said() {
     // Nor are rows of the old one taken for rows of the new, nor lost without a word.
     assert!(refused(&["rows"], &work, 1).contains("belongs to an earlier version of "));
     let told = stage(&["rows", "--force"], &work);
-    assert!(told.contains("emptied, since it was of another mesh"), "{told}");
+    assert!(told.contains("emptied, since it belonged to another mesh"), "{told}");
 }
 
 /// A dumbbell with specks around it.
@@ -511,7 +511,7 @@ fn a_mesh_that_has_moved_is_named_anew() {
     std::fs::rename(mesh, &moved).unwrap();
     for command in [&["export"][..], &["cluster", "-k", "4"]] {
         let told = refused(&[command, &["-o", word(&ply)]].concat(), work, 1);
-        assert!(told.contains("no longer where the work directory knows it; give its new path"), "{told}");
+        assert!(told.contains("no longer at the path recorded in the work directory; give its new path"), "{told}");
         stage(&[command, &[word(&moved), "-q", "-o", word(&ply)]].concat(), work);
     }
     assert!(ply.exists());

@@ -63,7 +63,7 @@ fn terrain_is_told_to_have_no_clear_parts() {
         return;
     };
     let (told, all) = cut(&data.join("real/mountain_51k.ply"), &[]);
-    assert!(told.contains("no clear parts: people would hardly agree on these\n"), "{told}");
+    assert!(told.contains("no clear parts: people would hardly agree on them\n"), "{told}");
     assert_eq!(all["clear_parts"], false);
     let (told, all) = cut(&data.join("real/horse_4k.ply"), &[]);
     assert!(!told.contains("no clear parts"), "{told}");
@@ -79,7 +79,7 @@ fn the_inside_of_a_head_is_told_and_does_not_hide_its_nose() {
     };
     let head = data.join("real/mri_ch2_head_h.ply");
     let (told, all) = cut(&head, &[]);
-    assert!(told.contains("walls of cavities, ") && told.contains("; bodies within, "), "{told}");
+    assert!(told.contains("walls of cavities, ") && told.contains("; enclosed bodies, "), "{told}");
     let enclosed = &all["decision"]["enclosed"];
     let share = |name: &str| enclosed[name].as_f64().unwrap();
     assert!((0.25..0.45).contains(&share("walls")) && (0.3..0.45).contains(&share("bodies")), "{enclosed}");
@@ -90,7 +90,7 @@ fn the_inside_of_a_head_is_told_and_does_not_hide_its_nose() {
     let (work, out, json) = (dir.path().join("work"), dir.path().join("x.seg"), dir.path().join("r.json"));
     let (told, all) = cut(&head, &["--walls", "own", "--work-dir", word(&work)]);
     let count = told.lines().filter(|line| line.contains("walls of cavities")).count();
-    assert!(count == 1 && told.contains(" % of the area, are one part; bodies within, "), "{told}");
+    assert!(count == 1 && told.contains(" % of the area, are one part; enclosed bodies, "), "{told}");
     assert_eq!(all["walls_label"], parts);
     let ask = format!("--json={}", json.display());
     let output = run(&["cluster", "-q", "--work-dir", word(&work), "-k", "2", "-o", word(&out), &ask]);
@@ -105,7 +105,7 @@ fn the_inside_of_a_head_is_told_and_does_not_hide_its_nose() {
     let two = report(&json);
     assert_eq!((&two["walls_label"], two["parts"].as_array().unwrap().len()), (&2.into(), 3), "head, brain and walls");
     let (told, _) = cut(&data.join("real/horse_4k.ply"), &[]);
-    assert!(!told.contains("walls of cavities") && !told.contains("bodies within"), "{told}");
+    assert!(!told.contains("walls of cavities") && !told.contains("enclosed bodies"), "{told}");
 }
 
 #[test]

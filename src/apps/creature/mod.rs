@@ -104,7 +104,7 @@ impl Creature {
         }
         let too_many = || {
             let problem = format!("{} faces and their vertices exceed 32-bit numbers", options.faces);
-            Error::parameter("faces", problem, format!("ask for at most {}", MOST / 100 * 99))
+            Error::parameter("faces", problem, format!("request at most {}", MOST / 100 * 99))
         };
         if options.faces > MOST {
             return Err(too_many());

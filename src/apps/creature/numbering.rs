@@ -239,7 +239,7 @@ impl Holes {
             return Err(Error::parameter(
                 "holes",
                 format!("{count} holes, but the creature has {patches} patches"),
-                format!("ask for at most {patches}"),
+                format!("request at most {patches}"),
             ));
         }
         let order = Permutation::new(patches as u64, &mut random::stream(seed, "creature holes"));

@@ -81,7 +81,7 @@ impl Form {
         options: &SaveOptions,
         run: &Run,
     ) -> Result<()> {
-        let there = || mesh.ok_or_else(|| Error::parameter("mesh", "this format needs it", "name the mesh"));
+        let there = || mesh.ok_or_else(|| Error::parameter("mesh", "this format needs it", "give the mesh"));
         match self {
             Self::Seg => seg::write_seg(path, labelling.labels, run),
             Self::Npy => npy::write(path, labelling.labels, 1, true).map(drop),

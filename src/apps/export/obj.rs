@@ -168,7 +168,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     if own {
         if materials != path.with_extension("mtl") {
             let kept = path.with_extension("mtl");
-            run.progress.note(&format!("{} stays: the materials go to {}", kept.display(), materials.display()));
+            run.progress.note(&format!("{} is kept: the materials go to {}", kept.display(), materials.display()));
         }
         publish(&materials, 0, |file| {
             let mut text = String::from(OURS);

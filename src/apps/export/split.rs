@@ -149,20 +149,20 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
     publish(&list, 0, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
     if !open.is_empty() {
         let (parts, verb) = if open.len() == 1 { ("part", "is") } else { ("parts", "are") };
-        let why = "edges of three faces or more, faces wound against each other, or triangles that floats turn over; in an \
-                   STL also edges that touch";
-        run.progress.note(&format!("{parts} {} {verb} no solid in spite of caps: {why}", open.join(", ")));
+        let why = "edges with three faces or more, inconsistently wound faces, or triangles flipped by rounding; in \
+                   an STL also edges that touch";
+        run.progress.note(&format!("{parts} {} {verb} not solid in spite of caps: {why}", open.join(", ")));
     }
     if let Some(share) = facets.lost().filter(|_| rounds) {
         let text = format!(
-            "{}: coordinates of an STL are floats, which are {share:.2} of a mean edge apart there: write .ply files, or \
-             move the mesh to the origin first",
+            "{}: STL coordinates are 32-bit floats, spaced {share:.2} mean edge lengths apart there: write .ply \
+             files, or move the mesh to the origin first",
             folder.display()
         );
         run.progress.note(&text);
     }
     if others(folder, &files) {
-        let text = format!("{}: holds parts of an earlier cut too; {LIST} says which are of this", folder.display());
+        let text = format!("{}: also holds parts of an earlier cut; {LIST} lists those of this one", folder.display());
         run.progress.note(&text);
     }
     Ok(())
@@ -431,8 +431,8 @@ mod tests {
         let solids = |list: &serde_json::Value| [0, 1].map(|k| list["parts"][k]["caps"]["solid"] == true);
         let (list, notes) = folder(dir.path(), 5e6, 0.2, &[], PartForm::Stl);
         assert_eq!(solids(&list), [false; 2]);
-        assert!(notes.iter().any(|note| note.contains("floats, which are 2.") && note.contains("origin")), "{notes:?}");
-        assert!(notes.iter().any(|note| note.contains("parts 0, 1 are no solid")), "{notes:?}");
+        assert!(notes.iter().any(|note| note.contains("floats, spaced 2.") && note.contains("origin")), "{notes:?}");
+        assert!(notes.iter().any(|note| note.contains("parts 0, 1 are not solid")), "{notes:?}");
         for (far, form) in [(0., PartForm::Stl), (100., PartForm::Stl), (5e6, PartForm::Binary)] {
             let dir = tempfile::tempdir().unwrap();
             let (list, notes) = folder(dir.path(), far, 0.3, &[], form);

@@ -223,7 +223,7 @@ impl PartTree {
             return Err(Error::parameter(
                 "parts",
                 format!("{n} cells cannot make {k} parts"),
-                format!("ask for 1 to {n}"),
+                format!("request 1 to {n}"),
             ));
         }
         let limit = f64::from(self.small_part).min(0.25 / k as f64);

@@ -139,8 +139,8 @@ impl FaceSplit {
     /// Notes how many faces were not split.
     pub fn tell(&self, run: &Run) {
         if self.polygons > 0 {
-            let text =
-                "along boundaries are no triangles and stay whole: triangulate the mesh for boundaries that cross them";
+            let text = "along boundaries are not triangles and stay whole: triangulate the mesh for boundaries that \
+                        cross them";
             run.progress.note(&format!("{} faces {text}", self.polygons));
         }
     }
