@@ -1,6 +1,6 @@
   // ---- correcting
   const HINTS = {
-    look: 'click a part to see it alone, double-click to zoom to it', merge: 'click two parts to make them one',
+    look: 'click a part to see it alone, double-click to zoom to it', merge: 'click two parts to merge them',
     split: 'click a part to divide it along the hierarchy', cut: 'draw a line across a part, or click a place on either side of the cut',
     together: 'click two places that belong to one part', apart: 'click two places that belong to different parts',
     drop: 'click a part that is not wanted', protect: 'click a part that no later edit may change',
@@ -11,7 +11,7 @@
     mode = model && !late ? wanted : 'look';
     picked = null;
     document.querySelectorAll('[data-mode]').forEach((button) => button.setAttribute('aria-pressed', button.dataset.mode === mode));
-    say(late ? 'These parts come from edits, and hints come before edits: give them on the page without edits.' : HINTS[mode]);
+    say(late ? 'Hints are applied before edits, and these parts have edits already: give hints on the page without edits.' : HINTS[mode]);
     refresh();
   }
   const hint = (edit) => edit === 'together' || edit === 'apart';
@@ -24,8 +24,8 @@
     if (mode === 'cut' && t < 0) return say('Click the two places on the mesh itself.');
     if (!picked) {
       picked = { part, triangle: t };
-      say({ merge: `${nameOf(part)} and which other part?`, cut: 'And a place on the other side of the cut?',
-        together: 'And which place belongs to the same part?', apart: 'And which place belongs to another part?' }[mode]);
+      say({ merge: `Now click the part to merge with ${nameOf(part)}.`, cut: 'Now click a place on the other side of the cut.',
+        together: 'Now click a place that belongs to the same part.', apart: 'Now click a place that belongs to another part.' }[mode]);
       return refresh();
     }
     const first = picked;
@@ -45,8 +45,8 @@
     const held = holds();
     change({ edit, at });
     if (edits.length === before) return;
-    if (!holds()) say('Hints come first, and an edit after them undoes this one: take that edit back.');
-    else if (held) say('It is so already; the hint is kept.');
+    if (!holds()) say('Hints are applied first, and a later edit reverses this one: undo that edit.');
+    else if (held) say('This is so already; the hint is kept.');
   }
   // A cut where a line is drawn on the canvas: between two places on one part, on either side of it.
   function cutAlong(x1, y1, x2, y2) {
@@ -86,7 +86,7 @@
     if (edit.edit === 'colour') [made.colour, made.hex] = [rgb(edit.colour), edit.colour];
     if (made.edit === 'protect') made.from = number;
     const elsewhere = made.edit === 'protect' && protectedAt() !== number;
-    const error = elsewhere ? `Parts are protected as they are with ${protectedAt()}: go back there.` : followed([...edits, made]).error;
+    const error = elsewhere ? `Parts are protected in the cut into ${protectedAt()}: go back to it.` : followed([...edits, made]).error;
     if (error) { say(error); return refresh(); }
     edits.push(made);
     undone = [];
@@ -106,7 +106,7 @@
   function redo() {
     if (!undone.length) return;
     edits.push(undone.pop());
-    say('again: ' + edits[edits.length - 1].edit);
+    say('redone: ' + edits[edits.length - 1].edit);
     update();
     showAll();
   }
@@ -179,7 +179,7 @@
   // Fills the view with the part that is looked at, else the one under the pointer.
   function zoomToPart() {
     const part = alone >= 0 ? alone : over;
-    if (part < 0) return say('Look at a part first.');
+    if (part < 0) return say('Choose a part first.');
     const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
     for (let t = 0; t < count; t++) {
       if (cut.part[t] !== part) continue;

@@ -262,7 +262,7 @@ function editorOf(model, bytes) {
     const own = follow(start, edits), ids = [...own.kept], outside = [];
     own.label.forEach((id, cell) => { if (!own.kept.has(id)) outside.push(cell); });
     const rest = outside.length ? count - ids.length : 0, pieces = outside.length && rest > 0 ? split(outside, rest) : [];
-    if (outside.length && !(rest > 0 && pieces)) return { ...own, error: 'Some parts are protected: so few cannot be had.' };
+    if (outside.length && !(rest > 0 && pieces)) return { ...own, error: 'Some parts are protected: so few parts are not possible.' };
     const label = own.label.map((id) => rest + ids.indexOf(id));
     outside.forEach((cell, k) => { label[cell] = pieces[k]; });
     return follow(label, edits, (cell) => own.kept.has(own.label[cell]));
@@ -280,7 +280,7 @@ function editorOf(model, bytes) {
     if (!sound) error = 'This contradicts another hint, or two of the places are too close.';
     for (const { edit, cells: [at] } of edits) {
       const changed = edit === 'protect' && label.some((x, cell) => (x === label[at]) !== (base[cell] === base[at]));
-      if (changed) error = 'A hint would change a part that is protected.';
+      if (changed) error = 'A hint would change a protected part.';
     }
     const changes = (part) => {
       if (kept.has(part)) error = 'This part is protected.';
@@ -290,7 +290,7 @@ function editorOf(model, bytes) {
       const first = label[cells[0]];
       if (edit === 'merge') {
         const others = new Set(cells.map((cell) => label[cell]).filter((part) => part !== first));
-        if (!others.size) error = 'These are one part already.';
+        if (!others.size) error = 'These are already one part.';
         else if ([first, ...others].every(changes)) {
           label.forEach((x, i) => { if (others.has(x)) label[i] = first; });
           // The part keeps what was said of any of its places, of the first one before others.
@@ -313,7 +313,7 @@ function editorOf(model, bytes) {
         }
       } else if (edit === 'cut') {
         if (cells[0] === cells[1]) error = 'The two places are too close.';
-        else if (label[cells[1]] !== first) error = 'The two places lie on two parts already.';
+        else if (label[cells[1]] !== first) error = 'The two places are already on different parts.';
         else if (changes(first)) divide(label, first, [[cells[0], first], [cells[1], next++]]);
       } else if (edit === 'name') names.set(first, name);
       else if (edit === 'colour') colours.set(first, colour);

@@ -153,7 +153,7 @@
   const canvas = $('view');
   const gl = canvas.getContext('webgl', { antialias: true, alpha: true });
   if (!gl) {
-    $('hint').textContent = 'This browser does not offer WebGL.';
+    $('hint').textContent = 'This browser does not support WebGL.';
     return;
   }
   function program(vertex, fragment) {
@@ -463,14 +463,14 @@
       box.append(made);
     };
     const seconds = Object.entries(report.seconds || {});
-    if (seconds.length) table('Seconds a stage', seconds.map(([name, s]) => [name, Number(s).toFixed(3)]));
+    if (seconds.length) table('Seconds per stage', seconds.map(([name, s]) => [name, Number(s).toFixed(3)]));
     const sizes = Object.entries(report.bytes || {}).filter(([, x]) => typeof x === 'number');
     if (sizes.length) table('Bytes', sizes.map(([name, x]) => [name.replaceAll('_', ' '), group(x)]));
     const values = (report.eigenvalues || []).filter((x) => x > 0);
     if (values.length) {
       const top = values[0], bars = values.slice(0, 60), width = 100 / bars.length;
       const title = document.createElement('p');
-      title.textContent = `Eigenvalues, the greatest ${bars.length} (λ₁ = ${top.toPrecision(4)})`;
+      title.textContent = `The ${bars.length} greatest eigenvalues (λ₁ = ${top.toPrecision(4)})`;
       const holder = document.createElement('div');
       holder.innerHTML = '<svg viewBox="0 0 100 30" preserveAspectRatio="none">' + bars.map((x, k) =>
         `<rect x="${k * width}" y="${30 - 30 * x / top}" width="${width * .8}" height="${30 * x / top}" fill="#0072b2"/>`).join('') + '</svg>';
