@@ -59,7 +59,7 @@ fn build<P: Coordinate + Element>(
 pub fn mesh(vertices: &Bound<'_, PyAny>, faces: &Bound<'_, PyAny>) -> PyResult<Mesh> {
     let ((_, three), (_, columns)) = (shape("vertices", vertices)?, shape("faces", faces)?);
     if three != 3 {
-        return Err(PyValueError::new_err(format!("vertices: {three} columns instead of x, y and z")));
+        return Err(PyValueError::new_err(format!("vertices: {three} columns instead of three (x, y and z)")));
     }
     if columns < 3 {
         return Err(PyValueError::new_err(format!("faces: {columns} columns; a face has 3 corners or more")));

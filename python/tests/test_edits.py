@@ -39,7 +39,7 @@ def test_a_place_has_numbers_where_vertices_have_none():
     vertices[0] = np.nan
     cut = nystrom_stream.segment(vertices, faces, 1)
     assert np.isfinite(cut.place(0)).all() and cut.edit({"edit": "split", "at": cut.place(0)}).n_parts == 2
-    with pytest.raises(ValueError, match="part 0 has no face with a place"):
+    with pytest.raises(ValueError, match="part 0 has no face with finite coordinates"):
         nystrom_stream.segment(np.full((3, 3), np.nan), [[0, 1, 2]], 1).place(0)
 
 
@@ -101,7 +101,7 @@ def test_files_of_edits_come_and_go(cut, tmp_path):
     assert (cut.edit(tmp_path / "edits.json").labels == three.labels).all()
     assert three.report["options"]["parts"]["count"] == {"exactly": 3}
     (tmp_path / "edits.json").write_text("merge them")
-    with pytest.raises(ValueError, match="edits.json: no file of edits"):
+    with pytest.raises(ValueError, match="edits.json: not a file of edits"):
         cut.edit(tmp_path / "edits.json")
 
 

@@ -103,7 +103,7 @@ def test_results_are_cut_again_and_saved(mesh, tmp_path):
     assert (np.load(tmp_path / "cut.npy") == cut.labels).all()
     cut.save(tmp_path / "cut.ply")
     assert (nystrom_stream.read_mesh(tmp_path / "cut.ply")[1] == faces).all()
-    with pytest.raises(ValueError, match="ending"):
+    with pytest.raises(ValueError, match="unknown extension"):
         cut.save(tmp_path / "cut.xyz")
 
 
@@ -165,7 +165,7 @@ def test_errors_say_what_is_wrong(mesh, tmp_path):
         nystrom_stream.segment(vertices, wrong)
     with pytest.raises(ValueError, match="columns"):
         nystrom_stream.segment(vertices[:, :2], faces)
-    with pytest.raises(TypeError, match="no mesh"):
+    with pytest.raises(TypeError, match="is not a mesh"):
         nystrom_stream.segment(7)
     with pytest.raises(ValueError, match="no faces"):
         nystrom_stream.segment(vertices, faces[:0])
@@ -430,7 +430,7 @@ def test_numbers_beyond_32_bits_and_odd_colours_are_refused(mesh):
         nystrom_stream.segment(np.eye(3), [[0, 1, 2], [0, 1, 2, 2**32]])
     cut = nystrom_stream.segment(*mesh, 2)
     labels = cut.labels.astype(np.int64)
-    with pytest.raises(ValueError, match="beyond 32 bits"):
+    with pytest.raises(ValueError, match="exceeds 32 bits"):
         nystrom_stream.evaluate(cut, np.where(labels == 0, 2**32 + 1, labels))
     with pytest.raises(ValueError, match="red, green and blue"):
         nystrom_stream.picture(mesh, cut.labels, colours=np.zeros((5, 2), np.uint8))
@@ -461,7 +461,7 @@ def test_numbers_and_words_that_make_no_sense_are_named(mesh):
         nystrom_stream.picture(cut, up="x2")
     with pytest.raises(ValueError, match="parts: -1"):
         cut.recut(-1)
-    with pytest.raises(ValueError, match="seed: .* is too great"):
+    with pytest.raises(ValueError, match="seed: .* is too large"):
         nystrom_stream.segment(*mesh, seed=2**64)
     assert nystrom_stream.segment(*mesh, np.int64(2), seed=np.uint64(0)).n_parts == 2
 

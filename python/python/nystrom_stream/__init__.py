@@ -6,10 +6,10 @@
 >>> cut.cut(3)                                  # another number of parts, at once
 >>> cut.save("parts.glb")
 
-Beside cutting: `correspond` matches two meshes, `transfer_labels` carries labels to another version of a mesh, `evaluate` scores
-them against those of people, `picture` draws, `sequence` orders a mesh for streaming, `quality` measures samples of landmarks,
-`measure` tells what a mesh is. All give up Python's lock while they work and stop at Ctrl-C; those that take `progress` tell it how
-far they are.
+Besides cutting, `correspond` matches two meshes, `transfer_labels` copies labels to another version of a mesh, `evaluate` scores
+labels against human ones, `picture` draws, `sequence` orders a mesh for streaming, `quality` measures samples of landmarks, and
+`measure` measures a mesh. All release the GIL while they work and stop on Ctrl-C; those with a `progress` argument report progress
+to it.
 """
 
 from ._functions import (

@@ -20,13 +20,13 @@ FORMAT = {"format": "nystrom-stream edits", "version": 1}
 
 
 def as_edits(edits: Any) -> dict[str, Any]:
-    """What a file of edits says, as a dict: of a path, such a dict, or a list of edits."""
+    """The content of a file of edits as a dict: from a path, such a dict, or a list of edits."""
     if isinstance(edits, (str, os.PathLike)):
         with open(edits, encoding="utf-8") as file:
             try:
                 edits = json.load(file)
             except ValueError as error:
-                raise ValueError(f"{os.fspath(file.name)}: no file of edits: {error}") from None
+                raise ValueError(f"{os.fspath(file.name)}: not a file of edits: {error}") from None
     if isinstance(edits, Mapping) and "edits" in edits:
         return {**FORMAT, **edits}
     if isinstance(edits, Mapping):
@@ -37,7 +37,7 @@ def as_edits(edits: Any) -> dict[str, Any]:
 
 
 def text_of(edits: Mapping[str, Any]) -> str:
-    """The text of a file of edits; NumPy's arrays and numbers are taken."""
+    """The text of a file of edits; NumPy arrays and numbers are accepted."""
     def plain(value: Any) -> Any:
         if isinstance(value, Mapping):
             return dict(value)
@@ -49,7 +49,7 @@ def text_of(edits: Mapping[str, Any]) -> str:
 
 
 def as_hints(hints: Union[ArrayLike, str, None], mesh: _native.Mesh) -> Optional[NDArray[np.uint32]]:
-    """One value per face as uint32: of an array, or of a property of the mesh's file."""
+    """One value per face as uint32: from an array, or from a property of the mesh's file."""
     if hints is None:
         return None
     if isinstance(hints, str):
@@ -58,12 +58,12 @@ def as_hints(hints: Union[ArrayLike, str, None], mesh: _native.Mesh) -> Optional
     if hints.ndim != 1 or len(hints) != mesh.faces or not np.issubdtype(hints.dtype, np.integer) or (hints < 0).any():
         raise ValueError(f"hints: give one integer per face, 0 or more; there are {mesh.faces} faces")
     if (hints > MOST).any():
-        raise ValueError(f"hints: {hints.max()} is beyond 32 bits")
+        raise ValueError(f"hints: {hints.max()} exceeds 32 bits")
     return packed(hints, np.uint32)
 
 
 def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str], list[str]]:
-    """Names of parts, which must be lines of text, of `parts` parts where that is known: of a dict by part, a list, or the path of a
+    """Names of parts, which must be lines of text, of `parts` parts if that is known: from a dict by part, a list, or the path of a
     table."""
     if isinstance(names, (str, os.PathLike)):
         names = _native.read_names(names)
@@ -75,7 +75,7 @@ def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str],
         if not by_part and not name:
             continue
         if not isinstance(name, str) or any(ord(letter) < 32 for letter in name):
-            raise ValueError(f"names: {name!r} is no line of text")
+            raise ValueError(f"names: {name!r} is not a line of text")
         if parts is not None and part >= parts:
             raise ValueError(f"names: there is no part {part}; the {parts} parts are counted from 0")
     return told if by_part else [name or "" for name in told.values()]
@@ -92,7 +92,7 @@ def as_names(names: Any, parts: int, before: Sequence[str] = ()) -> list[str]:
 
 
 def started(options: Mapping[str, Any]) -> dict[str, Any]:
-    """The cut that edits of a cut with `options` start from, as a file of edits says it."""
+    """The cut that edits of a cut with `options` start from, as in a file of edits."""
     parts = json.loads(options["params"])["parts"]
     if isinstance(parts["count"], dict) and "exactly" in parts["count"]:
         return {"parts": parts["count"]["exactly"]}
@@ -100,7 +100,7 @@ def started(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def started_from(options: Mapping[str, Any], edits: Mapping[str, Any]) -> dict[str, Any]:
-    """`options` of a cut, with the number of parts that `edits` start from, where they say it."""
+    """`options` of a cut, with the number of parts that `edits` start from, if given there."""
     params = json.loads(options["params"])
     if edits.get("parts") is not None:
         params["parts"].update(count={"exactly": edits["parts"]}, detail=0.0)

@@ -1,4 +1,4 @@
-"""The functions of the package. Options are those of the program, by the same names with underscores."""
+"""The functions of the package. Options have the same names as those of the program, with underscores."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ._meshes import (DEFAULT, MOST, MeshLike, Path, Progress, as_colours, as_la
 from ._results import Correspondence, Segmentation, Sequence, Transfer, cut_mesh
 
 Bytes = Union[int, str, None]
-# The words that options take, for type checkers and for what is refused.
+# The values that options accept, for type checkers and for validation.
 Cluster = Literal["parts", "kmeans", "k-means", "two-means"]
 Decision = Literal["soft-trees", "consensus", "single"]
 TinyComponents = Literal["join", "own"]
@@ -49,7 +49,7 @@ def _metric(metric: str, beta: Optional[float], eta: Optional[float], delta: Opt
     constants = known[_choose("metric", metric, Metric)]
     for name, value in {"beta": beta, "eta": eta, "delta": delta}.items():
         if value is not None and name not in constants:
-            raise ValueError(f"{name}: has no meaning with metric={metric!r}")
+            raise ValueError(f"{name}: has no effect with metric={metric!r}")
         if value is not None:
             constants[name] = real(name, value)
     return {"form": metric, **constants}
@@ -69,11 +69,11 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
     own = {"decision": decision, "tiny_components": tiny_components, "walls": walls, "boundaries": boundaries}
     given = [name for name, value in own.items() if value is not None]
     if method != "parts" and given:
-        raise ValueError(f"{given[0]}: goes with cluster='parts'")
+        raise ValueError(f"{given[0]}: requires cluster='parts'")
     means = {"kernel": kernel, "sigma": sigma, "normalise": normalise, "unit_rows": unit_rows}
     wanted = [name for name, value in means.items() if value is not None]
     if method == "parts" and wanted:
-        raise ValueError(f"{wanted[0]}: goes with cluster='kmeans' or 'two-means'")
+        raise ValueError(f"{wanted[0]}: requires cluster='kmeans' or 'two-means'")
     if parts is not None and parts_range is not None:
         raise ValueError("parts and parts_range exclude each other; give one")
     if parts is not None:
@@ -109,7 +109,7 @@ def _seed(seed: int) -> int:
 
 
 def _optional(name: str, value: Optional[int]) -> Optional[int]:
-    """A number that is counted from 1, where it is given."""
+    """A number from 1 on, if given."""
     return None if value is None else whole(name, value, 1)
 
 
@@ -124,49 +124,51 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
             work_dir: Optional[Path] = None, force: bool = False, tmp: Optional[Path] = None, progress: Progress = None) -> Segmentation:
     """Cuts a mesh into parts, and returns a Segmentation.
 
-    mesh: a path (PLY, OBJ, OFF, STL, .gz or not; it need not fit into memory), a mesh of trimesh, PyVista, Open3D or meshio, or
-        vertices (v, 3), as anything array-like. Faces keep their order: those of meshio are its blocks of triangles, quads and
-        polygons one after the other, those of a PyVista grid its cells, which must all be flat. Then
-    faces: (n, corners) integers from 0, or a list of faces of different lengths.
-    parts: exactly so many; without, the number is found, within `parts_range` if given.
-    detail: -1 (coarse) to 1 (fine); moves how many are found.
+    mesh: a path (PLY, OBJ, OFF, STL, also .gz; the mesh need not fit into memory), a mesh of trimesh, PyVista, Open3D or meshio, or
+        vertices (v, 3), as anything array-like. Faces keep their order: for meshio its blocks of triangles, quads and polygons one
+        after the other, for a PyVista grid its cells, which must all be flat.
+    faces: if `mesh` are vertices: (n, corners) integers from 0, or a list of faces of different lengths.
+    parts: exact number of parts; by default it is found automatically, within `parts_range` if given.
+    detail: -1 (coarse) to 1 (fine); shifts the automatic number of parts.
     cluster: "parts" (as people would cut), or the paper's "kmeans" (needs `parts`) or "two-means".
     decision: how parts are decided: "soft-trees", "consensus" or "single".
-    tiny_components: "join" (each joins the part it floats beside) or "own" (one part of their own).
-    walls: the inside of hollow bodies: "follow" (the labels of the outside behind it) or "own" (one part of its own).
+    tiny_components: "join" (each joins the nearest part) or "own" (together they form one extra part).
+    walls: inner walls of hollow bodies: "follow" (they get the labels of the outer surface behind them) or "own" (together they form
+        one extra part).
     boundaries: "front" or "embedding".
     landmarks: number of sampled faces l; by default 120, above 300,000 faces 240, with `exact` 20 to 60 on a large mesh; of
         "kmeans" and "two-means" twice the parts, 10 to 60, above 60,000 faces 60.
     sampling: "farthest", "distance-weighted", "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy" or
-        "pooled-greedy"; by default farthest, and distance-weighted where parts of a mesh above 60,000 faces are found on its contraction.
-    exact: rows of distances over all faces of a large mesh too, instead of over its contraction.
+        "pooled-greedy"; by default farthest, and distance-weighted if parts of a mesh above 60,000 faces are found on its contraction.
+    exact: compute rows of distances over all faces even if the mesh is large, instead of over its contraction.
     metric: "scale-free" (with `beta`, `eta`), "paper" (`delta`, `eta`) or "geodesic".
-    order: of the faces at work: "auto", "keep" or "hilbert".
+    order: in which faces are processed: "auto", "keep" or "hilbert".
     kernel, sigma, normalise, unit_rows: the embedding of "kmeans" and "two-means".
     edits: corrections of the parts: a list of dicts or a file, see `Segmentation.edit`.
-    hints: an integer per face, or the name of such a property of the file: faces of equal values belong together, of different ones
-        apart, 0 says nothing.
+    hints: an integer per face, or the name of such a property of the file: faces with equal values belong together, with different
+        values apart; 0 means no hint.
     names: of parts: a list, a dict by part, or the path of a table.
-    seed: of everything random; results depend on it and on nothing else of the run.
+    seed: of all random choices; with the same options and seed, results do not depend on threads or memory.
     threads: worker threads; by default one per core.
-    max_memory: bytes that may be allocated, a number or "2GiB", "512M"; half of what is free by default.
-    work_dir: a folder that keeps intermediate results and reuses them; one of another mesh is refused without `force`.
-    tmp: the folder for what does not fit in memory, and for meshes of files other than binary little-endian PLY of triangles, which
-        are decoded there as long as a result has them; by default the system's.
-    progress: called as progress(stage, done, total) on the thread that called, some ten times a second and at the ends of stages;
-        what it raises stops the work.
+    max_memory: maximum memory to allocate in bytes, or as "2GiB", "512M"; by default half of the free memory.
+    work_dir: a folder in which intermediate results are kept and reused; one of another mesh is refused unless `force` is True, which
+        empties it.
+    tmp: the folder for data that do not fit in memory, and for meshes from files other than binary little-endian PLY of triangles,
+        which are decoded there while a result refers to them; by default the system's.
+    progress: called as progress(stage, done, total) on the calling thread, about ten times a second and at the ends of stages;
+        an exception that it raises stops the work.
 
-    Raises ValueError or TypeError for arrays and options that make no sense, FileNotFoundError, OSError where the disk fails,
+    Raises ValueError or TypeError for invalid arrays and options, FileNotFoundError, OSError if the disk fails,
     MemoryError, KeyboardInterrupt.
     """
     if isinstance(faces, (int, np.integer)):
-        raise TypeError(f"faces: a number; write parts={faces}")
+        raise TypeError(f"faces: {faces} is a number; write parts={faces}")
     parts = _optional("parts", parts)
     params = _params(parts, parts_range, detail, cluster, decision, tiny_components, walls, boundaries, landmarks, sampling, exact,
                      _metric(metric, beta, eta, delta), order, kernel, sigma, normalise, unit_rows)
     told = None if edits is None else as_edits(edits)
     if told and _METHODS[cluster] != "parts":
-        raise ValueError("edits: go with cluster='parts'")
+        raise ValueError("edits: require cluster='parts'")
     if names is not None:
         # Edits and hints change the number of parts.
         names = read_names(names, parts if told is None and hints is None else None)
@@ -178,7 +180,7 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
     if told and parts is None and parts_range is None and not detail:
         options = started_from(options, told)
     elif told:
-        # What is asked for here goes before what the file says, in later edits too.
+        # Options given here take precedence over those of the file, in later edits too.
         told = {key: value for key, value in told.items() if key not in ("parts", "detail")}
     mesh = as_mesh(mesh, faces, run)
     options["hints"] = as_hints(hints, mesh)
@@ -194,7 +196,7 @@ def segment_file(path: Path, parts: Optional[int] = None, **options: Any) -> Seg
 
 
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
-    """Reads a mesh file: vertices (v, 3) float64 and triangles (n, 3) uint32; polygons are cut into triangles."""
+    """Reads a mesh file: vertices (v, 3) float64 and triangles (n, 3) uint32; polygons are split into triangles."""
     mesh = _native.Mesh.open(as_path("path", path), *DEFAULT)
     return np.asarray(mesh.vertices(), np.float64), mesh.triangles()[0]
 
@@ -206,9 +208,9 @@ def correspond(a: MeshLike, *others: Any, matching: Matching = "all", transfer: 
     `segment` takes them, or `correspond(vertices_a, faces_a, vertices_b, faces_b)`. Returns a Correspondence.
 
     matching: "all", "mutual" (each other's nearest only), or "one-to-one" (no vertex of B twice).
-    transfer: carry the landmarks of A to B by the first matches, and match again.
-    alternative: another of the alignments that the report lists, where the shape is symmetric.
-    vectors: leading eigenvectors, 2 to 8.
+    transfer: copy the landmarks of A to B by the first matches, and match again.
+    alternative: which of the alignments that the report lists to use, if the shape is symmetric.
+    vectors: number of leading eigenvectors, 2 to 8.
     landmarks: number of sampled vertices on each mesh; by default 50, for more than 300,000 vertices 20.
     """
     run = run_options(threads, max_memory, tmp, progress)
@@ -226,9 +228,9 @@ def correspond(a: MeshLike, *others: Any, matching: Matching = "all", transfer: 
 
 def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[ArrayLike] = None, *, threads: Optional[int] = None,
                     max_memory: Bytes = None, tmp: Optional[Path] = None, progress: Progress = None) -> Transfer:
-    """Carries labels from a mesh to another version of it: another resolution, decimated, re-meshed. Returns a Transfer.
+    """Copies labels from a mesh to another version of it: another resolution, decimated, remeshed. Returns a Transfer.
 
-    source: a Segmentation, or a mesh with `labels` (faces,), of which a negative number or 2**32 - 1 says that a face has none.
+    source: a Segmentation, or a mesh with `labels` (faces,), where a negative number or 2**32 - 1 means that a face has none.
     target: the other mesh.
     """
     if labels is None and not hasattr(source, "labels"):
@@ -242,7 +244,7 @@ def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[ArrayLi
 
 
 def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:
-    """How far labels are from those of people, by the metrics of the Princeton Segmentation Benchmark: a dict, 0 where equal.
+    """Scores labels against human ones by the metrics of the Princeton Segmentation Benchmark: a dict, with 0 for equal labels.
 
     labels: a Segmentation, or labels (faces,) of `mesh`. truths: one array of labels or Segmentation, or several, whose scores are
         averaged. Raises ValueError for labels of another mesh.
@@ -268,9 +270,9 @@ def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Opti
     """Draws a mesh and its parts, without a display: (height, width, 4) uint8, red, green, blue, opacity.
 
     mesh: a Segmentation, or a mesh, with `labels` or without; a face whose label is negative or 2**32 - 1 is grey.
-    colours: (parts, 3), whole numbers from 0 to 255 or real ones from 0 to 1. names: of the parts, for the legend; as in the
-    Segmentation where None. up: "x", "-y" and so on; found where None.
-    turn, tilt: degrees from the view that is found.
+    colours: (parts, 3), whole numbers from 0 to 255 or real ones from 0 to 1. names: of the parts, for the legend; by
+    default those of the Segmentation. up: "x", "-y" and so on; by default automatic.
+    turn, tilt: additional rotation and elevation in degrees, relative to the automatic view.
     """
     if labels is None and hasattr(mesh, "labels"):
         labels, colours = mesh.labels, mesh.colours if colours is None and hasattr(mesh, "colours") else colours
@@ -326,7 +328,7 @@ def quality(mesh: MeshLike, faces: Any = None, *, landmarks: Union[int, Iterable
 
 
 def measure(mesh: MeshLike, faces: Any = None) -> dict[str, Any]:
-    """What a mesh is and measures: a dict with box, area, volume if it is closed, centroid, axes, components, boundary_loops,
+    """Measures a mesh: a dict with box, area, volume if it is closed, centroid, axes, components, boundary_loops,
     open, welded and non-manifold edges, degenerate faces."""
     measures: dict[str, Any] = json.loads(_native.measure_mesh(as_mesh(mesh, faces)))
     return measures

@@ -1,4 +1,4 @@
-"""What people call a mesh, as the library takes it."""
+"""Converts meshes of all kinds to the library's."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from . import _native
 # common, and none of these packages need be installed.
 MeshLike = Any
 Path = Union[str, "os.PathLike[str]"]
-# What is told the stage, what of it is done, and what there is to do.
+# Called with the stage, the amount done, and the total.
 Progress = Optional[Callable[[str, int, int], object]]
 
 # How a call runs, checked: threads, bytes of memory, the folder for temporary files, and progress.
@@ -32,11 +32,11 @@ def whole(name: str, value: Any, least: int = 0, most: int = 2**63 - 1) -> int:
     try:
         number = int(value) if isinstance(value, (float, np.floating)) and value == int(value) else operator.index(value)
     except (TypeError, ValueError, OverflowError):
-        raise (ValueError if isinstance(value, (float, np.floating)) else TypeError)(f"{name}: {value!r} is no whole number") from None
+        raise (ValueError if isinstance(value, (float, np.floating)) else TypeError)(f"{name}: {value!r} is not a whole number") from None
     if number < least:
         raise ValueError(f"{name}: {number} is too small; choose {least} or more")
     if number > most:
-        raise ValueError(f"{name}: {number} is too great; choose {most} or less")
+        raise ValueError(f"{name}: {number} is too large; choose {most} or less")
     return number
 
 
@@ -45,9 +45,9 @@ def real(name: str, value: Any) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise TypeError(f"{name}: {value!r} is no number") from None
+        raise TypeError(f"{name}: {value!r} is not a number") from None
     if not np.isfinite(number):
-        raise ValueError(f"{name}: {value} is no finite number")
+        raise ValueError(f"{name}: {value} is not a finite number")
     return number
 
 
@@ -63,7 +63,7 @@ def pair(name: str, value: Any) -> tuple[int, int]:
     try:
         first, second = value
     except (TypeError, ValueError):
-        raise TypeError(f"{name}: {value!r} is no pair of numbers") from None
+        raise TypeError(f"{name}: {value!r} is not a pair of numbers") from None
     return whole(name, first, 1), whole(name, second, 1)
 
 
@@ -72,7 +72,7 @@ def as_path(name: str, value: Any) -> str:
     try:
         return os.fsdecode(value)
     except TypeError:
-        raise TypeError(f"{name}: {value!r} is no path") from None
+        raise TypeError(f"{name}: {value!r} is not a path") from None
 
 
 def unmasked(name: str, values: Any, instead: Optional[int] = None) -> Any:
@@ -105,7 +105,7 @@ def array(name: str, values: Any, columns: Optional[int] = None) -> NDArray[Any]
         raise TypeError(f"{name}: not an array of numbers")
     if table.ndim != 2 or (columns is not None and table.shape[1] != columns):
         shape = "×".join(map(str, table.shape)) or "a number"
-        raise ValueError(f"{name}: an array of {shape}; give one row each, of {columns or 'at least 3'} columns")
+        raise ValueError(f"{name}: an array of shape {shape}; give one row each, with {columns or 'at least 3'} columns")
     return table
 
 
@@ -113,7 +113,7 @@ def _positions(vertices: ArrayLike) -> NDArray[Any]:
     positions = array("vertices", vertices, 3)
     if positions.dtype not in (np.float32, np.float64):
         if not np.issubdtype(positions.dtype, np.number) or np.iscomplexobj(positions):
-            raise TypeError(f"vertices: {positions.dtype} is no real number")
+            raise TypeError(f"vertices: {positions.dtype} is not a real number type")
         positions = positions.astype(np.float64)
     return positions
 
@@ -124,9 +124,9 @@ def _corners(faces: Any) -> NDArray[np.int64]:
     if corners.size == 0:
         return corners.astype(np.int64)
     if not np.issubdtype(corners.dtype, np.integer):
-        raise TypeError(f"faces: {corners.dtype} is no integer")
+        raise TypeError(f"faces: {corners.dtype} is not an integer type")
     if (corners < 0).any() or (corners > MOST).any():
-        raise ValueError("faces: not numbers of vertices, counted from 0")
+        raise ValueError("faces: not vertex numbers, counted from 0")
     return corners.astype(np.int64)
 
 
@@ -148,7 +148,7 @@ def from_arrays(vertices: ArrayLike, faces: Any) -> _native.Mesh:
         faces = np.empty((0, 3), np.uint32)
     faces = array("faces", faces)
     if not np.issubdtype(faces.dtype, np.integer):
-        raise TypeError(f"faces: {faces.dtype} is no integer")
+        raise TypeError(f"faces: {faces.dtype} is not an integer type")
     if faces.dtype not in (np.int32, np.int64, np.uint32, np.uint64):
         faces = faces.astype(np.int64)
     return _native.Mesh.from_arrays(packed(vertices), packed(faces))
@@ -227,11 +227,11 @@ def as_mesh(mesh: MeshLike, faces: Any = None, run: Run = DEFAULT) -> _native.Me
             return from_arrays(np.asarray(mesh.points), _of_vtk(mesh.cells))
         raise TypeError("the grid has cells other than triangles, quads and polygons; give its surface, mesh.extract_surface()")
     if hasattr(mesh, "points") and hasattr(mesh, "extract_surface"):
-        raise TypeError(f"a {type(mesh).__name__} is no surface; give mesh.extract_surface()")
+        raise TypeError(f"a {type(mesh).__name__} is not a surface; give mesh.extract_surface()")
     if hasattr(mesh, "points") and hasattr(mesh, "cells"):
         return _of_blocks(mesh)
     raise TypeError(
-        f"a {type(mesh).__name__} is no mesh; give a path, vertices and faces, or a mesh of trimesh, PyVista, Open3D or meshio"
+        f"a {type(mesh).__name__} is not a mesh; give a path, vertices and faces, or a mesh of trimesh, PyVista, Open3D or meshio"
     )
 
 
@@ -243,13 +243,13 @@ def as_labels(labels: Any, faces: int, name: str = "labels", partial: bool = Fal
     if labels.ndim != 1 or len(labels) != faces:
         raise ValueError(f"{name}: {'×'.join(map(str, labels.shape))} for {faces} faces; give one per face")
     if not np.issubdtype(labels.dtype, np.integer):
-        raise TypeError(f"{name}: {labels.dtype} is no integer")
+        raise TypeError(f"{name}: {labels.dtype} is not an integer type")
     if len(labels) and labels.min() < 0:
         if partial:
             return np.where(labels < 0, np.uint32(MOST), as_labels(np.maximum(labels, 0), faces, name))
         raise ValueError(f"{name}: {labels.min()} is negative; number parts from 0")
     if len(labels) and labels.max() > MOST:
-        raise ValueError(f"{name}: {labels.max()} is beyond 32 bits; number parts from 0")
+        raise ValueError(f"{name}: {labels.max()} exceeds 32 bits; number parts from 0")
     return packed(labels, np.uint32)
 
 
@@ -257,12 +257,12 @@ def as_colours(colours: Any, parts: int) -> NDArray[np.uint8]:
     """One colour per part, (parts or more, 3) uint8: of whole numbers from 0 to 255, or of real ones from 0 to 1."""
     colours = np.asarray(colours)
     if colours.ndim != 2 or colours.shape[1] != 3:
-        raise ValueError(f"colours: an array of {'×'.join(map(str, colours.shape))}; give red, green and blue per part")
+        raise ValueError(f"colours: an array of shape {'×'.join(map(str, colours.shape))}; give red, green and blue per part")
     is_real = np.issubdtype(colours.dtype, np.floating)
     if not is_real and not np.issubdtype(colours.dtype, np.integer):
-        raise TypeError(f"colours: {colours.dtype} is no real number")
+        raise TypeError(f"colours: {colours.dtype} is not a real number type")
     if not ((colours >= 0) & (colours <= (1 if is_real else 255))).all():
-        raise ValueError("colours: out of range; give whole numbers from 0 to 255, or real ones from 0 to 1")
+        raise ValueError("colours: out of range; give integers from 0 to 255, or floats from 0 to 1")
     if len(colours) < parts:
         raise ValueError(f"colours: {len(colours)} for {parts} parts; give one per part")
     return packed(np.rint(colours * 255) if is_real else colours, np.uint8)

@@ -1,5 +1,5 @@
-"""What the functions return. All of it can be copied and pickled: copies share the mesh, which nothing changes; pickled, it goes
-with its arrays."""
+"""The results of the functions. All can be copied and pickled: copies share the mesh, which never changes; a pickle contains its
+arrays."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class _OfMesh:
 
     @property
     def triangles(self) -> NDArray[np.uint32]:
-        """Its faces as triangles, polygons cut into several: (triangles, 3) uint32."""
+        """Its faces as triangles, with polygons split: (triangles, 3) uint32."""
         return self._mesh.triangles()[0]
 
 
@@ -46,12 +46,12 @@ class Segmentation(_OfMesh):
     """A mesh cut into parts. `len(cut)` is the number of parts, `cut[k]` the faces of part k.
 
     labels: (faces,) uint32, the part of each face, from 0, in the order of the mesh.
-    quality: (faces,) float32, how sure each label is, 0 to 1; None for a cut from the hierarchy.
-    colours: (parts, 3) uint8, one sRGB colour per part, unlike where parts touch.
+    quality: (faces,) float32, the confidence of each label, 0 to 1; None for a cut from the hierarchy.
+    colours: (parts, 3) uint8, one sRGB colour per part, different for parts that touch.
     report: a dict with counts of the mesh, parts with their areas, landmarks, eigenvalues, seconds by stage.
-    names: a name per part, "" where it has none. Assign a list, or a dict by part: `cut.names = {0: "left arm"}`.
+    names: a name per part, "" for none. Assign a list, or a dict by part: `cut.names = {0: "left arm"}`.
 
-    What needs the mesh raises ValueError if its file was written to since.
+    Whatever needs the mesh raises ValueError if its file has changed since.
     """
 
     labels: NDArray[np.uint32]
@@ -86,21 +86,21 @@ class Segmentation(_OfMesh):
 
     @property
     def edits(self) -> list[dict[str, Any]]:
-        """The edits that the parts are of: a list of dicts."""
+        """The edits that were applied: a list of dicts."""
         return list(self._edits["edits"]) if self._edits else []
 
     def edit(self, edits: Edits, progress: Progress = None) -> Segmentation:
-        """The mesh with its parts corrected: another Segmentation; this one stays.
+        """Returns another Segmentation with corrected parts; this one is unchanged.
 
-        edits: a list, which is added to the edits that the parts are of, or the path of a file, such as the page saves, which
+        edits: a list, which is added to the edits applied so far, or the path of a file, such as one saved by the page, which
             replaces them. An edit is a dict: {"edit": "merge", "at": [place, place]}, {"edit": "split", "at": place, "into": 3},
             {"edit": "cut", "between": [place, place]}, "together" and "apart" like "merge", {"edit": "name", "at": place,
             "name": "left arm"}, {"edit": "colour", "at": place, "colour": "#e69f00"}, {"edit": "drop", "at": place},
-            {"edit": "protect", "at": place}. A place is a point (x, y, z) on the surface or the number of a face; `place(part)` is
+            {"edit": "protect", "at": place}. A place is a point (x, y, z) on the surface or the number of a face; `place(part)` returns
             one in the middle of a part.
 
-        With the `work_dir` of the cut, only the parts and their boundaries are computed again; else all is. Raises ValueError for
-        an edit that cannot be followed, naming it, and for K-means and 2-means.
+        With the `work_dir` of the cut, only the parts and their boundaries are recomputed; otherwise everything is. Raises ValueError
+        for an edit that cannot be applied, naming it, and for K-means and 2-means.
         """
         whole = isinstance(edits, (str, os.PathLike)) or isinstance(edits, Mapping) and "edits" in edits
         told = as_edits(edits)
@@ -113,13 +113,13 @@ class Segmentation(_OfMesh):
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         self.__dict__.update(state)
-        # The work directory is of the file, which is not here as it was.
+        # The work directory belongs to the file, which has changed or is not here.
         if self.__dict__.pop("file") != self._mesh.file:
             self._options = {**self._options, "work_dir": None}
 
     def place(self, part: int) -> list[float]:
         """A place well inside a part, for edits: the point (x, y, z) in the middle of a face. Raises IndexError, and ValueError for
-        a part whose faces have no place in space."""
+        a part without a face with finite coordinates."""
         part = range(self.n_parts)[operator.index(part)]
         triangles, face = self._mesh.triangles()
         vertices = self.vertices
@@ -128,13 +128,13 @@ class Segmentation(_OfMesh):
         reached[triangles[~own]] = True
         triangles = triangles[own & np.isfinite(vertices).all(axis=1)[triangles].all(axis=1)]
         if not len(triangles):
-            raise ValueError(f"part {part} has no face with a place in space")
+            raise ValueError(f"part {part} has no face with finite coordinates")
         centres = np.asarray(vertices, np.float64)[triangles[farthest(triangles, reached)]].mean(axis=1)
         x, y, z = centres[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))].tolist()
         return [x, y, z]
 
     def save_edits(self, path: Path) -> None:
-        """Writes the edits as a file that `nystrom-stream segment --edits` and `edit` take."""
+        """Writes the edits as a file for `nystrom-stream segment --edits` and `edit`."""
         vertices = self.vertices
         box = [vertices.min(axis=0), vertices.max(axis=0)] if len(vertices) else None
         head = {"box": box} if box and np.isfinite(box).all() else {}
@@ -149,7 +149,7 @@ class Segmentation(_OfMesh):
 
     def recut(self, parts: int) -> NDArray[np.uint32]:
         """Labels of the same mesh in exactly `parts` parts, from the hierarchy: (faces,). Takes milliseconds; boundaries follow
-        cells, so for boundaries as fine as those of `labels` cut again with the same `work_dir`.
+        cells, so for boundaries as fine as those of `labels`, cut again with the same `work_dir`.
 
         Raises ValueError for K-means and 2-means, and for more parts than cells.
         """
@@ -158,8 +158,8 @@ class Segmentation(_OfMesh):
         return _native.cut_tree(self._tree, self._cells, whole("parts", parts, 1))
 
     def cut(self, parts: int) -> Segmentation:
-        """The same mesh in exactly `parts` parts, as `recut` finds them, with colours; confidences are not known. Edits, hints and
-        names are left behind."""
+        """The same mesh in exactly `parts` parts, as `recut` finds them, with colours; confidences are unknown. Edits, hints and
+        names are dropped."""
         labels = self.recut(parts)
         colours = _native.part_colours(self._mesh, labels)
         report = {"input": self.report["input"], "options": self.report["options"]}
@@ -171,7 +171,7 @@ class Segmentation(_OfMesh):
         return Segmentation(self._mesh, arrays, report, options)
 
     def measure(self) -> list[dict[str, Any]]:
-        """What each part measures: a list of dicts with area, volume (of closed parts), box, centroid, axes, spread, open_edges and
+        """Measures each part: a list of dicts with area, volume (of closed parts), box, centroid, axes, spread, open_edges and
         neighbours with the length of the common border."""
         labels = as_labels(self.labels, self._mesh.faces)
         measures: list[dict[str, Any]] = json.loads(_native.measure_parts(self._mesh, labels, self.n_parts))
@@ -179,13 +179,13 @@ class Segmentation(_OfMesh):
 
     def save(self, path: Path, *, vertex_labels: bool = False, split_vertices: bool = False, split_faces: bool = False, cap: bool = False,
              part_form: str = "ply") -> None:
-        """Writes the labelled mesh in the form that the ending names: .ply, .seg, .npy, .obj, .glb, .parquet, .png, .html, or one file
-        per part in a folder where `path` ends with a slash, is a folder, or is a pathlib.Path without an ending.
+        """Writes the labelled mesh in the format of the extension: .ply, .seg, .npy, .obj, .glb, .parquet, .png, .html, or one file
+        per part in a folder where `path` ends with a slash, is a folder, or is a pathlib.Path without extension.
 
-        Of a .ply: `vertex_labels` gives vertices labels and colours too, `split_vertices` gives each part vertices of its own,
-        `split_faces` splits triangles where smooth boundaries cross them (not with the other two). Of a folder: `cap` closes the parts where
-        they were cut off, `part_form` is "ply" or "stl". Raises ValueError for another ending, or an option that the form does not have;
-        OSError. What the form loses is told as a warning."""
+        For .ply: `vertex_labels` labels and colours vertices too, `split_vertices` gives each part its own vertices, `split_faces` splits
+        triangles where smooth boundaries cross them (not with the other two). For a folder: `cap` closes the parts where they were cut
+        off, `part_form` is "ply" or "stl". Raises ValueError for another extension, or an option that the format does not have;
+        OSError. Warns of what the format loses."""
         edits = text_of(self._edits) if self._edits else None
         choices = (flag("vertex_labels", vertex_labels), flag("split_vertices", split_vertices), flag("split_faces", split_faces),
                    flag("cap", cap), part_form)
@@ -253,12 +253,12 @@ class Segmentation(_OfMesh):
 
 
 def cut_mesh(mesh: _native.Mesh, options: dict[str, Any], edits: Optional[dict[str, Any]], progress: Progress) -> Segmentation:
-    """Cuts a mesh with all `options` told, and corrects it."""
+    """Cuts a mesh with complete `options`, and corrects it."""
     text = None if edits is None else text_of(edits)
     *arrays, report = _native.segment(
         mesh, options["params"], text, options["hints"], options["work_dir"], options["force"], options["seed"], options["threads"],
         options["max_memory"], options["tmp"], progress)
-    # A work directory that was made anew for this mesh is its own from now on.
+    # A work directory that was emptied for this mesh belongs to it from now on.
     options = {**options, "force": False}
     return Segmentation(mesh, arrays, json.loads(report), options, json.loads(text) if text else None)
 
@@ -286,10 +286,10 @@ def farthest(triangles: NDArray[np.uint32], reached: NDArray[np.bool_]) -> NDArr
 class Correspondence:
     """Matches of the vertices of a mesh A in a mesh B.
 
-    matches: (vertices of A,) int64, the vertex of B, -1 without one.
+    matches: (vertices of A,) int64, the vertex of B, -1 without a match.
     distances: (vertices of A,) float32, in the embedding, infinite without a match.
-    confidence: (vertices of A,) float32, how sure each match is, 0 to 1.
-    report: the alignments that fit, whether the shape leaves a choice (`ambiguous`), and facts of both meshes.
+    confidence: (vertices of A,) float32, the confidence of each match, 0 to 1.
+    report: the alignments that fit, whether the choice between them is `ambiguous`, and facts about both meshes.
     """
 
     def __init__(self, matches: NDArray[np.int64], distances: NDArray[np.float32], confidence: NDArray[np.float32],
@@ -297,7 +297,7 @@ class Correspondence:
         self.matches, self.distances, self.confidence, self.report = matches, distances, confidence, report
 
     def save(self, path: Path) -> None:
-        """Writes the matches as .npy, .csv or .parquet. Raises ValueError for another ending, OSError."""
+        """Writes the matches as .npy, .csv or .parquet. Raises ValueError for another extension, OSError."""
         if not len(self.matches) == len(self.distances) == len(self.confidence):
             raise ValueError("matches, distances and confidence differ in length")
         _native.save_matches(self.matches, self.distances, self.confidence, as_path("path", path))
@@ -307,9 +307,9 @@ class Correspondence:
 
 
 class Transfer(_OfMesh):
-    """Labels carried to another mesh.
+    """Labels copied to another mesh.
 
-    labels: (faces,) uint32. quality: (faces,) float32, 1 where a label is sure. report: counts, with `uncertain` faces.
+    labels: (faces,) uint32. quality: (faces,) float32, 1 for a certain label. report: counts, such as of `uncertain` faces.
     """
 
     def __init__(self, mesh: _native.Mesh, labels: NDArray[np.uint32], quality: NDArray[np.float32], report: dict[str, Any]) -> None:
@@ -322,8 +322,8 @@ class Transfer(_OfMesh):
 class Sequence(_OfMesh):
     """An order of the faces of a mesh, and of its vertices by first use.
 
-    places: (faces,) uint32, the place of each face. vertex_numbers: (vertices,) uint32, the new number of each vertex.
-    measures: how well the order streams, a dict.
+    places: (faces,) uint32, the position of each face in it. vertex_numbers: (vertices,) uint32, the new number of each vertex.
+    measures: how well the order streams; a dict.
     """
 
     def __init__(self, mesh: _native.Mesh, places: NDArray[np.uint32], vertex_numbers: NDArray[np.uint32],
