@@ -199,7 +199,10 @@ impl CorrespondArgs {
             ("functions", self.functions.as_slice(), "npy"),
         ] {
             if let Some(path) = paths.iter().find(|path| !ends_with(path, extension)) {
-                return Err(CliError::Usage(format!("--{option} {}: wrong extension; use .{extension}", path.display())));
+                return Err(CliError::Usage(format!(
+                    "--{option} {}: wrong extension; use .{extension}",
+                    path.display()
+                )));
             }
         }
         Ok(())
