@@ -189,6 +189,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
     // A stable sort, because it merges the sorted runs.
     pairs.sort();
     pairs.dedup();
+    let pairs = thinned(&pairs);
     let mut start = vec![0; cells + 1];
     for pair in &pairs {
         start[(pair >> 32) as usize + 1] += 1;
@@ -197,6 +198,16 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
         start[c + 1] += start[c];
     }
     Ok(CellNeighbours { start, list: pairs.into_iter().map(|pair| pair as u32).collect() })
+}
+
+/// Of more than twice as many neighbours of a cell, at least this many are kept. Cells of a surface have some six; one
+/// with thousands holds a whole body among pieces that are far larger, and each of its nodes would visit all of them.
+const MOST_NEIGHBOURS: usize = 64;
+
+/// The sorted `pairs` of a cell and a neighbour without some of those of cells with very many, evenly spread.
+fn thinned(pairs: &[u64]) -> Vec<u64> {
+    let of_cells = pairs.chunk_by(|a, b| a >> 32 == b >> 32);
+    of_cells.flat_map(|pairs| pairs.iter().copied().step_by((pairs.len() / MOST_NEIGHBOURS).max(1))).collect()
 }
 
 /// Maximum number of averaging rounds. Contracted meshes take some fifty at the widest radius; faces around a single
@@ -274,4 +285,26 @@ pub fn total_turning(graph: &DualGraph, shares: &AreaShares, smoothed: &[&Normal
         total.iter_mut().zip(part).for_each(|(a, b)| *a += b);
     }
     Ok(total)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Regression: a body in a few cells among pieces far larger than it took time that grew with the square of its
+    /// faces.
+    #[test]
+    fn cells_with_thousands_of_neighbours_keep_some_of_them() {
+        let pair = |a: u64, b: u64| a << 32 | b;
+        let few: Vec<u64> = (0..2 * MOST_NEIGHBOURS as u64 - 1).map(|b| pair(3, b)).collect();
+        assert_eq!(thinned(&few), few);
+        let many: Vec<u64> = (0..10_000).map(|b| pair(4, b)).collect();
+        let both = thinned(&[few.clone(), many.clone()].concat());
+        assert_eq!(both[..few.len()], few);
+        let kept = &both[few.len()..];
+        assert!((MOST_NEIGHBOURS..2 * MOST_NEIGHBOURS).contains(&kept.len()), "{}", kept.len());
+        assert!(
+            kept[0] == many[0] && kept.iter().all(|pair| many.contains(pair)) && *kept.last().unwrap() > many[9_900]
+        );
+    }
 }

@@ -113,7 +113,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 11;
+    const VERSION: u32 = 12;
     type Facts = SurfaceFacts;
     type Output = PreparedSurface;
 
