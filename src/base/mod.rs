@@ -1,8 +1,9 @@
 //! The lowest layer: errors, progress, cancellation, deterministic parallel loops, loops on wide
-//! vectors, boxes, disjoint sets, short sorts, shortest paths, moments and small eigenproblems.
+//! vectors, boxes, sets of bits, disjoint sets, short sorts, shortest paths, moments and small eigenproblems.
 //!
 //! Nothing here knows about meshes, files or command lines.
 
+pub mod bit_set;
 pub mod bounds;
 pub mod cancel;
 pub mod dijkstra;

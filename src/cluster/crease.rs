@@ -10,6 +10,7 @@
 //! band and thread.
 
 use crate::base::Result;
+use crate::base::bit_set::BitSet;
 use crate::base::parallel::{chunk_range, entry_ends, parts_of};
 use crate::base::vector::{cross, length, minus, wide};
 use crate::graph::angle::between;
@@ -113,7 +114,7 @@ pub fn averaged(
     let mut turning = ScratchArray::<f32>::new("averaged.tmp", edges.len(), context)?;
     let span = |i: u32| start[i as usize] as usize..start[i as usize + 1] as usize;
     let many = |i: u32| span(i).len() > MOST_EDGES;
-    let around = |k: usize, turning: &mut &mut [f32], seen: &mut Marks| {
+    let around = |k: usize, turning: &mut &mut [f32], seen: &mut BitSet| {
         let positions = chunk_range(m, CHUNK, k);
         let first = start[positions.start] as usize;
         let (mut nodes, mut near) = (Vec::new(), Vec::new());
@@ -157,7 +158,7 @@ pub fn averaged(
         Ok(())
     };
     let pieces = parts_of(&mut turning, entry_ends(start, CHUNK));
-    context.run.fill_pieces(pieces, || Marks::new(m), around)?;
+    context.run.fill_pieces(pieces, || BitSet::new(m), around)?;
     for i in (0..m as u32).filter(|&i| !many(i)) {
         for e in span(i) {
             if let Some(j) = inside(e).filter(|&j| j < i && !many(j))
@@ -168,31 +169,6 @@ pub fn averaged(
         }
     }
     Ok(turning)
-}
-
-/// A bit per position.
-struct Marks(Vec<u64>);
-
-impl Marks {
-    fn new(m: usize) -> Self {
-        Self(vec![0; m.div_ceil(64)])
-    }
-
-    fn has(&self, position: u32) -> bool {
-        self.0[position as usize / 64] >> (position % 64) & 1 != 0
-    }
-
-    /// Adds a position; whether it is new.
-    fn add(&mut self, position: u32) -> bool {
-        let (word, bit) = (&mut self.0[position as usize / 64], 1 << (position % 64));
-        let new = *word & bit == 0;
-        *word |= bit;
-        new
-    }
-
-    fn remove(&mut self, position: u32) {
-        self.0[position as usize / 64] &= !(1 << (position % 64));
-    }
 }
 
 #[cfg(test)]

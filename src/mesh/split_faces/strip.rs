@@ -5,6 +5,7 @@
 //! vertices at a time as the budget allows. In a soup, where each face has vertices of its own and those at one
 //! position count as one, it is 32 bytes. The result grows only with the strip.
 
+use crate::base::bit_set::BitSet;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{finite, position_key};
 use crate::base::{Error, Result};
@@ -81,14 +82,14 @@ impl Groups {
 }
 
 /// Which vertices lie on a boundary, one bit each.
-struct Bits(Vec<u64>);
+struct Bits(BitSet);
 
 impl Bits {
     fn of(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<(Self, Grant)> {
         let vertices = mesh.positions.len();
-        let words = vertices.div_ceil(64);
-        let kept = run.budget.take("boundary vertices", 8 * words as u64, 8 * words as u64)?;
-        let mut bits = Self(vec![0; words]);
+        let bytes = BitSet::bytes(vertices);
+        let kept = run.budget.take("boundary vertices", bytes, bytes)?;
+        let mut bits = Self(BitSet::new(vertices));
         if is_soup(mesh) {
             bits.mark_places(mesh, labels, run)?;
             return Ok((bits, kept));
@@ -103,7 +104,7 @@ impl Bits {
                 for &v in corners {
                     match (v as usize).checked_sub(start).and_then(|at| first.get_mut(at)) {
                         Some(own) if *own == NONE => *own = labels[face],
-                        Some(own) if *own != labels[face] => bits.set(v),
+                        Some(own) if *own != labels[face] => _ = bits.0.add(v),
                         _ => {}
                     }
                 }
@@ -132,20 +133,12 @@ impl Bits {
             each_face(mesh, run, |_, corners| {
                 for &v in corners {
                     if key_in_block(v).is_some_and(|key| find(&mut places, key).several) {
-                        self.set(v);
+                        self.0.add(v);
                     }
                 }
             })?;
         }
         Ok(())
-    }
-
-    fn set(&mut self, v: u32) {
-        self.0[v as usize / 64] |= 1 << (v % 64);
-    }
-
-    fn has(&self, v: u32) -> bool {
-        self.0.get(v as usize / 64).is_some_and(|word| word >> (v % 64) & 1 == 1)
     }
 }
 
@@ -199,7 +192,7 @@ fn faces_of(mesh: &Mesh, bits: &Bits, run: &Run) -> Result<(Vec<u32>, Grant)> {
     let n = mesh.faces.len();
     let each = |k: usize, visit: &mut dyn FnMut(usize, &[u32])| {
         mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
-            if corners.iter().any(|&v| bits.has(v)) {
+            if corners.iter().any(|&v| bits.0.has(v)) {
                 visit(face, corners);
             }
         });
@@ -299,7 +292,7 @@ impl Strip {
         let mut inner = vec![None; vertices.len()];
         for (c, f) in owners() {
             let v = corners[c] as usize;
-            if !bits.has(vertices[v]) {
+            if !bits.0.has(vertices[v]) {
                 inner[v] = Some(labels[f as usize]);
             }
         }
