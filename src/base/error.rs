@@ -12,6 +12,9 @@ use std::path::{Path, PathBuf};
 /// Shorthand for results of this library.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
+/// What helps in most cases besides more memory.
+pub const LESS_WORK: &str = "lower `threads` or `landmarks`";
+
 /// What can go wrong, with the data needed to report it and to react.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -60,10 +63,7 @@ pub enum Error {
         remedy: String,
     },
     /// The memory budget cannot hold the minimum that is needed.
-    #[error(
-        "{what} needs {needed} bytes but the memory budget leaves {available}; raise `memory` or {}",
-        if what.contains("picture") { "make the picture smaller" } else { "lower `threads` or `landmarks`" }
-    )]
+    #[error("{what} needs {needed} bytes but the memory budget leaves {available}; raise `memory` or {remedy}")]
     Memory {
         /// What was to be allocated.
         what: &'static str,
@@ -71,6 +71,8 @@ pub enum Error {
         needed: u64,
         /// Bytes left in the budget.
         available: u64,
+        /// What else would help, as [`LESS_WORK`].
+        remedy: &'static str,
     },
     /// The disk cannot hold what the work will write.
     #[error(

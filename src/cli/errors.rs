@@ -115,6 +115,7 @@ fn with_flags(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nystrom_stream::base::error::LESS_WORK;
 
     #[test]
     fn options_become_flags_and_other_words_stay() {
@@ -122,7 +123,7 @@ mod tests {
         assert_eq!(message(&error), "-k: K-means needs `it`; as in -k 6, or leave out --cluster kmeans");
         let error = of_file(Error::parameter("tree", "of 3 cells", "take another"), "tree", Some("x.json".as_ref()));
         assert_eq!(message(&error), "x.json: of 3 cells; take another");
-        let error = Error::Memory { what: "a row", needed: 2, available: 1 };
+        let error = Error::Memory { what: "a row", needed: 2, available: 1, remedy: LESS_WORK };
         assert!(message(&error).ends_with("raise --max-memory or lower --threads or -l"), "{}", message(&error));
         let error = Error::work_dir("w", "holds no rows", "compute them first: stage `rows`, or anew with `force`");
         let told = "w: holds no rows; compute them first: nystrom-stream rows --work-dir …, or anew with --force";

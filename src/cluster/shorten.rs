@@ -45,7 +45,7 @@ pub fn shorten(graph: BandGraph<'_>, labels: &mut [u32], context: Context<'_>) -
     let scale = UNITS / f64::from(greatest);
     let m = labels.len();
     let mut pieces = ScratchArray::<u32>::new("pieces.tmp", m, context)?;
-    join_pieces(graph, &mut pieces);
+    find_pieces(graph, &mut pieces);
     // Threads whose numbers of positions find room in memory. One always works, with a file if need be.
     let budget = &context.run.budget;
     let run = context.run.with_threads(budget.left().saturating_sub(budget.total() / 2) / (4 * m as u64).max(1));
@@ -84,7 +84,7 @@ pub fn shorten(graph: BandGraph<'_>, labels: &mut [u32], context: Context<'_>) -
 type Boundary = ([u32; 2], u32);
 
 /// Writes to `pieces` (m) the connected piece of the band that each position lies in: its least position.
-fn join_pieces(graph: BandGraph<'_>, pieces: &mut [u32]) {
+fn find_pieces(graph: BandGraph<'_>, pieces: &mut [u32]) {
     let mut forest = Forest::over(pieces);
     for position in 0..graph.len() as u32 {
         graph.around(position).iter().filter_map(BandEdge::position).for_each(|to| {
@@ -143,7 +143,7 @@ fn order_of_pairs(mut pairs: BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
 /// A band, its labels before a round, and how many units a boundary's cost of 1 is.
 struct LabelledBand<'a> {
     graph: BandGraph<'a>,
-    /// The piece of each position (m), as [`join_pieces`] finds them.
+    /// The piece of each position (m), as [`find_pieces`] finds them.
     pieces: &'a [u32],
     labels: &'a [u32],
     scale: f64,
@@ -259,7 +259,7 @@ mod tests {
 
     fn pieces(graph: BandGraph<'_>) -> Vec<u32> {
         let mut pieces = vec![0; graph.len()];
-        join_pieces(graph, &mut pieces);
+        find_pieces(graph, &mut pieces);
         pieces
     }
 

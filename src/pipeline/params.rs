@@ -1,5 +1,6 @@
 //! The parameters of `segment`, and their validation.
 
+use crate::base::error::LESS_WORK;
 use crate::base::{Error, Result};
 use crate::cluster::cells;
 use crate::cluster::contract::{self, NODES};
@@ -341,7 +342,7 @@ impl SegmentParams {
         let needed = self.cluster.bytes_of_budget(landmarks, nodes);
         let available = run.budget.total() / 2;
         if needed > available {
-            return Err(Error::Memory { what: WHAT_LANDMARKS_TAKE, needed, available });
+            return Err(Error::Memory { what: WHAT_LANDMARKS_TAKE, needed, available, remedy: LESS_WORK });
         }
         Ok(())
     }

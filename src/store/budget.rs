@@ -4,6 +4,7 @@
 //! minimum fits; a grant is returned when dropped. The caller promises to keep to its grant; tests check this with a
 //! counting allocator.
 
+use crate::base::error::LESS_WORK;
 use crate::base::{Error, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -56,11 +57,20 @@ impl Budget {
     /// # Errors
     /// [`Error::Memory`] when less than `minimum` is left; `what` names the purpose.
     pub fn take(&self, what: &'static str, minimum: u64, wanted: u64) -> Result<Grant> {
-        self.granted(minimum, wanted.max(minimum)).map_err(|left| Error::Memory {
+        self.granted(minimum, wanted.max(minimum)).map_err(|available| Error::Memory {
             what,
             needed: minimum,
-            available: left,
+            available,
+            remedy: LESS_WORK,
         })
+    }
+
+    /// Takes `bytes` bytes; `remedy` is what would help besides more memory.
+    ///
+    /// # Errors
+    /// [`Error::Memory`] when less is left; `what` names the purpose.
+    pub fn take_or(&self, what: &'static str, bytes: u64, remedy: &'static str) -> Result<Grant> {
+        self.granted(bytes, bytes).map_err(|available| Error::Memory { what, needed: bytes, available, remedy })
     }
 
     /// Takes `wanted` bytes, or what is left if that is less.

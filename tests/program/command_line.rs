@@ -766,7 +766,7 @@ fn outputs_replace_no_mesh_and_no_folder() {
         assert!(errors(&output).contains(problem), "{words:?}: {}", errors(&output));
     };
     let outputs = [path("scan.ply"), path("x.seg")].map(|path| word(&path).to_string());
-    refused(&["segment", word(&scan), "-o", &outputs[0]], 2, "is written to a .partial file first");
+    refused(&["segment", word(&scan), "-o", &outputs[0]], 2, "is written to a .partial file first, which is an input");
     let json = format!("--json={}", word(&mesh));
     for command in ["info", "verify", "merge"] {
         refused(&[command, "--work-dir", word(&work), &json], 2, "is an input, and would be overwritten");

@@ -19,6 +19,21 @@ fn creature(folder: &Path, faces: u64) -> String {
     path.to_str().unwrap().to_string()
 }
 
+/// Writes a mesh to `path`, all of whose faces have label 0.
+fn save(path: &Path, points: &[[f32; 3]], faces: &[[u32; 3]]) {
+    let labelling = Labelling { labels: &vec![0; faces.len()], colours: &[[0; 3]], quality: None, names: &[] };
+    Mesh::from_slices(points, faces).unwrap().save(path, labelling).unwrap();
+}
+
+/// The most bytes that the program allocates at once; it must succeed. `folder` is for a file.
+fn allocated(folder: &Path, arguments: &[&str]) -> u64 {
+    let peak = folder.join("peak");
+    let mut program = Command::new(env!("CARGO_BIN_EXE_nystrom-stream"));
+    let run = program.args(arguments).env("NYSTROM_STREAM_PEAK", &peak).output().unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    std::fs::read_to_string(&peak).unwrap().parse().unwrap()
+}
+
 #[test]
 fn disk_and_memory_are_what_was_planned() {
     let dir = tempfile::tempdir().unwrap();
@@ -122,18 +137,9 @@ fn thousands_of_pieces_fit_the_budget() {
         triangle.iter_mut().flatten().zip(place.into_iter().cycle()).for_each(|(x, offset)| *x += offset);
     }
     let faces: Vec<[u32; 3]> = (0..pieces).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
-    Mesh::from_slices(&points, &faces)
-        .unwrap()
-        .save(&path, Labelling { labels: &vec![0; faces.len()], colours: &[[0; 3]], quality: None, names: &[] })
-        .unwrap();
-    let (mesh, peak, out) = (path.to_str().unwrap(), dir.path().join("peak"), dir.path().join("labels.npy"));
-    let allocated = |arguments: &[&str]| -> u64 {
-        let mut program = Command::new(env!("CARGO_BIN_EXE_nystrom-stream"));
-        let run = program.args(arguments).args(["--max-memory", "4MB", "-q"]).env("NYSTROM_STREAM_PEAK", &peak);
-        let run = run.output().unwrap();
-        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-        std::fs::read_to_string(&peak).unwrap().parse().unwrap()
-    };
+    save(&path, &points, &faces);
+    let (mesh, out) = (path.to_str().unwrap(), dir.path().join("labels.npy"));
+    let allocated = |arguments: &[&str]| allocated(dir.path(), &[arguments, &["--max-memory", "4MB", "-q"]].concat());
     let graph = allocated(&["graph", mesh, "--work-dir", dir.path().join("work").to_str().unwrap()]);
     assert!(graph < 6_000_000, "{graph}");
     // Two thousand superfaces take three matrices of 32 MB.
@@ -154,18 +160,13 @@ fn bands_around_many_boundaries_fit_the_budget() {
         (0..side * side).map(|k| [(k % side) as f32, (k / side) as f32]).map(|[x, y]| [x, y, height(x, y)]).collect();
     let corners = (0..side * side).filter(|k| k % side + 1 < side && k / side + 1 < side);
     let faces: Vec<[u32; 3]> = corners.flat_map(|k| [[k, k + 1, k + side], [k + 1, k + side + 1, k + side]]).collect();
-    Mesh::from_slices(&points, &faces)
-        .unwrap()
-        .save(&path, Labelling { labels: &vec![0; faces.len()], colours: &[[0; 3]], quality: None, names: &[] })
-        .unwrap();
-    let (mesh, peak) = (path.to_str().unwrap(), dir.path().join("peak"));
+    save(&path, &points, &faces);
+    let mesh = path.to_str().unwrap();
     let cut = |name: &str, budget: &str| {
         let out = dir.path().join(name);
-        let mut program = Command::new(env!("CARGO_BIN_EXE_nystrom-stream"));
-        let run = program.args(["segment", mesh, "-k", "500", "-q", "--max-memory", budget, "-o"]).arg(&out);
-        let run = run.env("NYSTROM_STREAM_PEAK", &peak).output().unwrap();
-        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-        (std::fs::read(&out).unwrap(), std::fs::read_to_string(&peak).unwrap().parse::<u64>().unwrap())
+        let words = ["segment", mesh, "-k", "500", "-q", "--max-memory", budget, "-o", out.to_str().unwrap()];
+        let allocated = allocated(dir.path(), &words);
+        (std::fs::read(&out).unwrap(), allocated)
     };
     let (labels, allocated) = cut("small.npy", "8MB");
     assert!(allocated < 48_000_000, "{allocated}");

@@ -117,6 +117,7 @@ fn a_hierarchy_can_be_taken_out_and_put_in() {
     stage(&["export", "--tree", word(&tree)], &small);
     let told = refused(&["cluster", "--tree", word(&tree)], work, 1);
     assert!(told.contains(&format!("{}: has ", tree.display())), "{told}");
+    assert!(told.contains(" cells, but the hierarchy of the work directory has "), "{told}");
     refused(&["cluster", "--tree", word(&tree), "--cluster", "two-means"], work, 2);
 }
 

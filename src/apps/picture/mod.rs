@@ -82,7 +82,7 @@ pub fn render_named(
     }
     let smooth = mesh.positions.len() <= SMOOTH;
     let bytes = params.bytes() + if smooth { 12 * mesh.positions.len() as u64 } else { 0 };
-    let _grant = run.budget.take("the picture", bytes, bytes)?;
+    let _grant = PictureParams::grant(bytes, &run.budget)?;
     let parts = if labels.is_some() { colours.len().min(MOST_DISTINCT) } else { 0 };
     let legend = match labels.filter(|_| params.legend) {
         Some(labels) => {

@@ -9,6 +9,7 @@ use crate::apps::colours::linear;
 use crate::base::sort::sort_by;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::store::budget::Grant;
 use crate::store::{Budget, Run};
 
 /// The axis of the file that points up.
@@ -136,8 +137,13 @@ impl PictureParams {
     /// # Errors
     /// [`Error::Memory`].
     pub fn check_budget(&self, budget: &Budget) -> Result<()> {
-        let (needed, available) = (self.bytes(), budget.total());
-        if needed <= available { Ok(()) } else { Err(Error::Memory { what: "the picture", needed, available }) }
+        // As if nothing were taken from it yet.
+        Self::grant(self.bytes(), &Budget::new(budget.total())).map(drop)
+    }
+
+    /// Takes the `bytes` of a picture from `budget`.
+    pub(super) fn grant(bytes: u64, budget: &Budget) -> Result<Grant> {
+        budget.take_or("the picture", bytes, "make the picture smaller")
     }
 }
 
