@@ -132,6 +132,7 @@ impl Choice for Cluster {
             "two-means",
             "Repeated 2-means in the embedding, as in the paper; without -k, until no split gains much",
         ),
+        (Self::Components, "components", "Connected components, by descending area, whatever their shape"),
     ];
 }
 

@@ -88,8 +88,8 @@ pub struct PartsArgs {
     /// How parts are decided, with --cluster parts [default: soft-trees, or as in the work directory]
     #[arg(long, value_parser = choice::<Decision>())]
     pub decision: Option<Decision>,
-    /// What to do with components too small to be parts, with --cluster parts [default: join, or as in the work
-    /// directory]
+    /// What to do with components too small to be parts, with --cluster parts or components; join leaves the latter as
+    /// they are [default: join, or as in the work directory]
     #[arg(long, alias = "dust", value_parser = choice::<TinyComponents>())]
     pub tiny_components: Option<TinyComponents>,
     /// What to do with the inner walls of hollow bodies, with --cluster parts [default: follow, or as in the work
@@ -206,14 +206,15 @@ impl PartsArgs {
     /// the detail, which get their defaults.
     pub fn apply(&self, kernel: &KernelArgs, params: &mut SegmentParams) -> Result<(), CliError> {
         params.cluster = self.cluster.unwrap_or(params.cluster);
-        if params.cluster == Cluster::Parts {
-            if let Some(option) = kernel.given() {
-                return Err(misfit(option, "--cluster kmeans or two-means"));
-            }
-        } else {
+        if let Some(option) = kernel.given().filter(|_| !params.cluster.embeds()) {
+            return Err(misfit(option, "--cluster kmeans or two-means"));
+        }
+        if self.tiny_components.is_some() && !params.cluster.separates_tiny() {
+            return Err(misfit("--tiny-components", "--cluster parts or components"));
+        }
+        if params.cluster != Cluster::Parts {
             let own = [
                 ("--decision", self.decision.is_some()),
-                ("--tiny-components", self.tiny_components.is_some()),
                 ("--detail", self.detail.is_some()),
                 ("--walls", self.walls.is_some()),
                 ("--boundaries", self.boundaries.is_some()),
@@ -241,6 +242,12 @@ impl PartsArgs {
 }
 
 impl DistanceArgs {
+    /// The first given option, if any.
+    fn given(&self) -> Option<&'static str> {
+        let sampling = self.sampling.map(|_| "--sampling").or(self.exact.then_some("--exact"));
+        self.landmarks.map(|_| "--landmarks").or(sampling).or(self.metric.given())
+    }
+
     /// Sets the distance options in `params`.
     pub fn apply(&self, params: &mut SegmentParams) -> Result<(), CliError> {
         params.metric = self.metric.metric()?;
@@ -256,6 +263,9 @@ impl MethodArgs {
     pub fn params(&self) -> Result<SegmentParams, CliError> {
         let mut params = SegmentParams::default().order(self.order.or(Order::default()));
         self.parts.apply(&self.kernel, &mut params)?;
+        if let Some(option) = self.distance.given().filter(|_| params.cluster == Cluster::Components) {
+            return Err(misfit(option, "--cluster parts, kmeans or two-means"));
+        }
         self.distance.apply(&mut params)?;
         // These boundaries need rows over all faces; reports and work directories must show that.
         params.exact |= params.boundaries == Boundaries::Embedding;

@@ -134,6 +134,11 @@ impl AreaShares {
     }
 }
 
+/// The area below which a component is tiny, if all have the area `total` and the largest has `largest`.
+pub fn tiny_below(total: f64, largest: f64) -> f64 {
+    (TINY * total).min(BESIDE_LARGEST * largest)
+}
+
 /// Which components are tiny, if there are several.
 struct TinyComponents<'a> {
     root: &'a [u32],
@@ -152,7 +157,7 @@ impl<'a> TinyComponents<'a> {
         let Some(table) = ComponentTable::of(root, &graph.nodes, context)? else { return Ok(None) };
         let (order, area) = (table.by_size(context)?, table.area());
         let area_of = |number: u32| area[number as usize];
-        let least = (TINY * graph.facts.area).min(BESIDE_LARGEST * area_of(order.items()[0]));
+        let least = tiny_below(graph.facts.area, area_of(order.items()[0]));
         let mut tiny: ArrayMut<u8> = context.work.array("tiny_components.tmp", &[table.count()])?;
         let (mut rest, mut nodes) = (0., 0);
         for (rank, &number) in order.items().iter().enumerate() {

@@ -117,7 +117,7 @@ pub fn calibrate(
 ) -> Result<Calibration> {
     let [few, many] = sizes(faces);
     let contracts = params.contracts(faces as usize);
-    let asked = params.clone().landmarks(Some(landmarks));
+    let asked = params.clone().landmarks((landmarks > 0).then_some(landmarks));
     let mut params = calibrated(&asked, faces as usize);
     // The creatures may have fewer faces than the mesh has parts.
     params.parts.count = params.parts.count.at_most(few.min(LARGE[0] / 4) as usize);

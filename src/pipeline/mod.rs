@@ -9,6 +9,7 @@
 
 pub mod admission;
 pub mod calibrate;
+mod components;
 mod contracted;
 #[cfg(feature = "correspondence")]
 pub mod correspond;

@@ -30,6 +30,8 @@ pub enum Cluster {
     KMeans,
     /// The paper's other method: parts halved by 2-means in the embedding, the one with the greatest gain first.
     TwoMeans,
+    /// Connected components: faces that are joined through common edges, whatever their shape.
+    Components,
 }
 
 /// The treatment of components too small to be parts.
@@ -86,7 +88,8 @@ pub struct SegmentParams {
     /// first, and there are more rows over the contraction.
     #[serde(default)]
     pub exact: bool,
-    /// The treatment of components too small to be parts, with [`Cluster::Parts`].
+    /// The treatment of components too small to be parts, with [`Cluster::Parts`]. With [`Cluster::Components`] they
+    /// are parts themselves unless they share one.
     #[serde(default)]
     pub tiny_components: TinyComponents,
     /// The treatment of the inside of hollow bodies, with [`Cluster::Parts`].
@@ -220,12 +223,23 @@ pub(super) fn dimensions(params: &SegmentParams) -> usize {
 const DECISION: u64 = 20 << 20;
 
 impl Cluster {
+    /// Whether parts are found in the embedding of faces.
+    pub fn embeds(self) -> bool {
+        matches!(self, Self::KMeans | Self::TwoMeans)
+    }
+
+    /// Whether tiny components can have a part of their own.
+    pub fn separates_tiny(self) -> bool {
+        matches!(self, Self::Parts | Self::Components)
+    }
+
     /// Bytes that finding parts allocates, independent of the budget, with `landmarks` rows over `nodes` nodes: for the
     /// decision, or for the sample on which centres are found.
     pub(super) fn fixed_bytes(self, landmarks: u64, nodes: u64) -> u64 {
         match self {
             Self::Parts => decision_bytes(landmarks).max(DECISION),
             Self::KMeans | Self::TwoMeans => fit_bytes(landmarks, nodes),
+            Self::Components => 0,
         }
     }
 
@@ -248,6 +262,7 @@ impl Cluster {
         match self {
             Self::Parts => member_bytes(landmarks as usize, cells::CELLS),
             Self::KMeans | Self::TwoMeans => 4 * FACES_PER_CHUNK as u64 * landmarks,
+            Self::Components => 0,
         }
     }
 }
@@ -272,6 +287,10 @@ impl SegmentParams {
             PartCount::Between(..) if self.cluster == Cluster::KMeans => {
                 return refused("parts_between", "K-means needs an exact number of parts".into(), "give `parts`");
             }
+            PartCount::Exactly(_) | PartCount::Between(..) if self.cluster == Cluster::Components => {
+                let problem = "there are as many parts as connected components";
+                return refused("parts", problem.into(), "leave it out, or choose another `cluster`");
+            }
             PartCount::Between(least, most) if least > most => {
                 return refused("parts_between", format!("{least}..{most} is empty"), "put the smaller first");
             }
@@ -295,12 +314,12 @@ impl SegmentParams {
             ("decision", self.parts.decision != usual.decision),
             ("ensemble_size", self.parts.ensemble_size != usual.ensemble_size),
             ("small_part", self.parts.small_part != usual.small_part),
-            ("tiny_components", self.tiny_components != TinyComponents::default()),
+            ("tiny_components", self.tiny_components != TinyComponents::default() && !self.cluster.separates_tiny()),
             ("walls", self.walls != Walls::default()),
             ("boundaries", self.boundaries != Boundaries::default()),
         ];
         let idle = match (&self.embedding, others.into_iter().find(|(_, given)| *given)) {
-            (Some(_), _) if by_parts => Some(("embedding", "applies only to K-means and 2-means")),
+            (Some(_), _) if !self.cluster.embeds() => Some(("embedding", "applies only to K-means and 2-means")),
             (_, Some((name, _))) if !by_parts => Some((name, "applies only to the default method")),
             _ if self.parts.decision != usual.decision && self.parts.ensemble_size != usual.ensemble_size => {
                 Some(("ensemble_size", "applies only to the default decision"))

@@ -111,8 +111,11 @@ pub struct Plan {
     rough_moves: [u64; 2],
 }
 
-/// Number of landmarks of `params` on a mesh of `faces` faces.
+/// Number of landmarks of `params` on a mesh of `faces` faces; components need none.
 fn landmarks(params: &SegmentParams, faces: u64) -> u64 {
+    if params.cluster == Cluster::Components {
+        return 0;
+    }
     (params.landmarks_of(faces as usize) as u64).min(faces)
 }
 
@@ -127,7 +130,7 @@ fn fixed(extent: &Extent, cluster: Cluster) -> u64 {
 
 /// Whether rows are over all faces and every face is embedded: K-means and 2-means without a contraction.
 fn embeds_faces(extent: &Extent, cluster: Cluster) -> bool {
-    cluster != Cluster::Parts && !extent.contracts
+    cluster.embeds() && !extent.contracts
 }
 
 /// The needs of labelling: labels and confidences, once more in file order, and before them the decision on parts, or
@@ -143,7 +146,7 @@ fn labels_need(extent: &Extent, cluster: Cluster, estimate: &mut BudgetEstimate)
     let held = if cluster == Cluster::Parts { before } else { estimate.used() };
     let beside = extent.threads.saturating_sub(1) * cluster.thread_bytes(extent.landmarks);
     let memory = estimate.used().max(held + fixed(extent, cluster) + beside);
-    let frees = if extent.lasting {
+    let frees = if extent.lasting || cluster == Cluster::Components {
         0
     } else if embeds_faces {
         4 * extent.landmarks * n - estimate.release_named(ROWS)
@@ -167,22 +170,8 @@ fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Ve
         stages.push(("order", OrderStage::needs(extent, &mut estimate)));
     }
     stages.push(("graph", GraphStage::needs(extent, &mut estimate)));
-    if !embeds_faces(extent, cluster) {
-        stages.push(("surface", SurfaceStage::needs(extent, &mut estimate)));
-    }
-    let mut weights = WeightsStage::needs(extent, &mut estimate);
-    if extent.rough && !extent.lasting {
-        weights.frees += 12 * extent.faces - estimate.release_named(NORMALS_KEPT);
-    }
-    stages.push(("weights", weights));
-    if extent.contracts {
-        stages.push(("contraction", Contraction::needs(extent, &mut estimate)));
-        // Nothing that grows with the mesh.
-        let rows = if extent.keeps_rows { 4 * extent.landmarks * NODES as u64 } else { 0 };
-        let held = estimate.reserve_array(rows + ON_CONTRACTION);
-        stages.push(("rows", Needs { memory: held, keeps: rows + ON_CONTRACTION - held, ..Needs::default() }));
-    } else {
-        stages.push(("rows", RowsStage::needs(extent, &mut estimate)));
+    if cluster != Cluster::Components {
+        distances_need(extent, cluster, &mut estimate, &mut stages);
     }
     stages.push(("labels", labels_need(extent, cluster, &mut estimate)));
     let least = |name: &str| if name == "labels" { fixed(extent, cluster) } else { BASE };
@@ -190,6 +179,32 @@ fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Ve
     let planned =
         |(name, needs)| StagePlan { name, needs: Needs { memory: within(name, needs), ..needs }, seconds: None };
     stages.into_iter().map(planned).collect()
+}
+
+/// Adds the stages from the graph to rows of distances.
+fn distances_need(
+    extent: &Extent,
+    cluster: Cluster,
+    estimate: &mut BudgetEstimate,
+    stages: &mut Vec<(&'static str, Needs)>,
+) {
+    if !embeds_faces(extent, cluster) {
+        stages.push(("surface", SurfaceStage::needs(extent, estimate)));
+    }
+    let mut weights = WeightsStage::needs(extent, estimate);
+    if extent.rough && !extent.lasting {
+        weights.frees += 12 * extent.faces - estimate.release_named(NORMALS_KEPT);
+    }
+    stages.push(("weights", weights));
+    if extent.contracts {
+        stages.push(("contraction", Contraction::needs(extent, estimate)));
+        // Nothing that grows with the mesh.
+        let rows = if extent.keeps_rows { 4 * extent.landmarks * NODES as u64 } else { 0 };
+        let held = estimate.reserve_array(rows + ON_CONTRACTION);
+        stages.push(("rows", Needs { memory: held, keeps: rows + ON_CONTRACTION - held, ..Needs::default() }));
+    } else {
+        stages.push(("rows", RowsStage::needs(extent, estimate)));
+    }
 }
 
 /// Bytes on disk after `stages`, and at most while they run.
@@ -230,7 +245,9 @@ impl Plan {
             releases: false,
         };
         let embeds_faces = embeds_faces(&extent, params.cluster);
-        (extent.rough, extent.releases) = (!embeds_faces, embeds_faces && !lasting);
+        // Normals are for cells.
+        extent.rough = !embeds_faces && params.cluster != Cluster::Components;
+        extent.releases = embeds_faces && !lasting;
         let mut stages = stages_of(&extent, params.cluster, decoded, budget);
         let (disk, disk_peak) = disk_of(&stages);
         let smooth = stages_of(&Extent { rough: false, ..extent }, params.cluster, decoded, budget);
@@ -247,8 +264,8 @@ impl Plan {
             disk,
             disk_peak,
             disk_peak_smooth,
-            // Row starts, neighbours, weights, a row and the field.
-            random_access_bytes: 8 * faces + faces / 2 + 8 * corners,
+            // Row starts, neighbours, weights, a row and the field; components need no fronts.
+            random_access_bytes: if extent.landmarks == 0 { 0 } else { 8 * faces + faces / 2 + 8 * corners },
             stages,
             seconds: None,
             seconds_rough: None,

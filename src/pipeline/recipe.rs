@@ -4,6 +4,7 @@
 //! needs only what is to change. Another number of parts then costs checking and mapping the stages, a cut of the kept
 //! hierarchy, and the narrow bands at the parts' boundaries.
 
+use super::components;
 use super::decision;
 use super::edits::Corrections;
 use super::input;
@@ -52,6 +53,7 @@ pub fn segment_corrected(
     let (ordered, mut graph) = input::graph(opened, identity, params, context)?;
     let order = ordered.into_nodes(context.work)?;
     let clustered = match means::fit(params, opened.faces.len()) {
+        _ if params.cluster == Cluster::Components => components::components(&graph, params, context)?,
         Some(fit) if params.contracts(graph.nodes.len()) => means::contracted(&graph, fit, params, context)?,
         Some(fit) => {
             let weighted = graph.weighted(params.metric, context)?;
@@ -135,6 +137,7 @@ pub fn cluster(
     check_corrections(params, corrections, graph.nodes.len())?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
     let clustered = match means::fit(params, graph.nodes.len()) {
+        _ if params.cluster == Cluster::Components => components::components(&graph, params, context)?,
         Some(fit) => match rows_over_faces(&graph, params, context)? {
             None => means::contracted(&graph, fit, params, context)?,
             Some(rows) => {

@@ -1,7 +1,7 @@
 //! The report of a run: one JSON object.
 
 use super::labels::{Part, SegmentedMesh};
-use super::params::{Cluster, SegmentParams};
+use super::params::SegmentParams;
 use crate::apps::measure::Measures;
 use crate::base::{Result, RunLog};
 use crate::cluster::parts::{Enclosed, PartCount, PartsReport};
@@ -130,7 +130,7 @@ impl Report {
         peak: Option<u64>,
     ) -> Result<Self> {
         let (graph, numbers) = (&result.graph, &result.numbers);
-        let has_gamma = params.cluster != Cluster::Parts;
+        let has_gamma = params.cluster.embeds();
         let mut options = json::value("the options", params)?;
         if let Some(options) = options.as_object_mut() {
             options.insert("seed".into(), context.run.seed.into());

@@ -177,9 +177,10 @@ impl SharedWork<'_> {
         let Self { identity, params, .. } = self;
         let l = landmarks_over_faces(params, opened.faces.len())?;
         let graph = input::graph(opened, identity, params, context)?.1;
-        let weighted = match params.cluster {
-            Cluster::KMeans | Cluster::TwoMeans => graph.weighted(params.metric, context)?,
-            Cluster::Parts => contracted::weighted(&graph, params, context)?.1,
+        let weighted = if params.cluster.embeds() {
+            graph.weighted(params.metric, context)?
+        } else {
+            contracted::weighted(&graph, params, context)?.1
         };
         let facts = RowShardFacts { weights: weighted.key.clone(), l, sampling: params.sampling.unwrap_or_default() };
         context.work.record_stage(self.key(context.run), &[], &facts, 0.)?;
@@ -303,7 +304,7 @@ fn nothing_to_do(run: &Run) -> usize {
 /// # Errors
 /// [`Error::Parameter`] for K-means without a number of parts and of landmarks.
 fn landmarks(params: &SegmentParams, faces: usize) -> Result<usize> {
-    if params.landmarks.is_none() && params.cluster != Cluster::Parts && params.centres().is_none() {
+    if params.landmarks.is_none() && params.cluster.embeds() && params.centres().is_none() {
         return Err(Error::parameter("landmarks", "the number of landmarks is missing", "give it, or `parts`"));
     }
     Ok(params.landmarks_of(faces))
@@ -348,7 +349,7 @@ pub fn compute_all_rows(
 /// faces of the share.
 ///
 /// # Errors
-/// As [`super::segment()`], and [`Error::Parameter`] for a shard that does not exist.
+/// As [`super::segment()`], and [`Error::Parameter`] for a shard that does not exist, or connected components.
 pub fn compute_shard(
     path: &Path,
     shared: SharedWork<'_>,
@@ -356,6 +357,10 @@ pub fn compute_shard(
     open: impl Fn(&WorkDir) -> Result<Mesh>,
     run: &Run,
 ) -> Result<usize> {
+    if shared.params.cluster == Cluster::Components {
+        let problem = "connected components have no steps that several processes could share";
+        return Err(Error::parameter("cluster", problem, "find them in one process: stage `labels`"));
+    }
     waiting(path, run, || {
         if let Some(work) = WorkDir::try_open(path, true)?
             && let Some(count) = shared.share(shard, &work, run)?

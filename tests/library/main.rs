@@ -7,6 +7,7 @@
 mod common;
 
 mod calibrate;
+mod components;
 mod correspond_files;
 mod correspond_parts;
 mod correspond_refined;

@@ -4,6 +4,7 @@
 use crate::common::{self, creature, errors, run, segment, word, zoo};
 use nystrom_stream::mesh::read_seg;
 use nystrom_stream::store::npy;
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
@@ -518,6 +519,38 @@ fn a_mesh_that_has_moved_is_named_anew() {
     assert!(ply.exists());
 }
 
+/// The dumbbell is the largest component, and its specks follow; they share a part on request.
+#[test]
+fn connected_components_are_parts_and_need_the_graph_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mesh, body) = tiny(dir.path());
+    let (work, out) = (dir.path().join("work"), dir.path().join("out.seg"));
+    let components = ["--cluster", "components"];
+    let labels = direct(&mesh, &components);
+    assert!(labels[..body].iter().all(|&label| label == 0));
+    let specks: Vec<u32> = labels[body..].chunks(4).map(|speck| speck[0]).collect();
+    assert!(specks.iter().collect::<BTreeSet<_>>().len() == 6 && labels[body..].chunks(4).all(|of| of == [of[0]; 4]));
+    stage(&["graph", word(&mesh)], &work);
+    let told = stage(&[&["cluster", "-o", word(&out)], &components[..]].concat(), &work);
+    assert!(read_seg(&out).unwrap() == labels && !told.contains("distance rows"), "{told}");
+    stage(&[&["cluster", "--tiny-components", "own", "-o", word(&out)], &components[..]].concat(), &work);
+    assert!(read_seg(&out).unwrap().iter().eq(labels.iter().map(|label| label.min(&1))));
+    // Rows and coordinates for other programs are there all the same.
+    stage(&["embed"], &work);
+    let plan = run(&[&["plan", word(&mesh)], &components[..]].concat());
+    assert!(plan.status.success() && !String::from_utf8_lossy(&plan.stdout).contains("distance rows"));
+    for (words, problem) in [
+        (["-k", "3"], "as many parts as connected components"),
+        (["-l", "3"], "--landmarks can only be used with --cluster parts, kmeans or two-means"),
+        (["--walls", "own"], "--walls can only be used with --cluster parts"),
+        (["--kernel", "cauchy"], "--kernel can only be used with --cluster kmeans or two-means"),
+    ] {
+        let output = run(&[&["segment", word(&mesh)], &components[..], &words].concat());
+        assert_eq!(output.status.code(), Some(2), "{words:?}");
+        assert!(errors(&output).contains(problem), "{}", errors(&output));
+    }
+}
+
 /// Regression: 201 components of one size were all tiny beside the whole, and became one part; 199 were 199 parts.
 #[test]
 fn many_components_of_one_size_are_parts() {
@@ -528,7 +561,7 @@ fn many_components_of_one_size_are_parts() {
             zoo::beside("many", &shape, &zoo::tetrahedron(), [f64::from(3 * (k % 15)), f64::from(3 * (k / 15)), 0.]);
     }
     let labels = direct(&shape.write(dir.path()), &[]);
-    let parts: std::collections::BTreeSet<Vec<u32>> = labels.chunks(4).map(<[u32]>::to_vec).collect();
+    let parts: BTreeSet<Vec<u32>> = labels.chunks(4).map(<[u32]>::to_vec).collect();
     assert!(parts.len() == 210 && parts.iter().all(|part| part.iter().all(|label| *label == part[0])));
 }
 
@@ -541,7 +574,7 @@ fn a_mesh_without_area_is_left_whole() {
         shape.vertices.iter_mut().flatten().for_each(|x| *x *= scale);
         let mesh = shape.write(dir.path());
         assert!(direct(&mesh, &[]).iter().all(|label| *label == 0), "{name}");
-        let four: std::collections::BTreeSet<u32> = direct(&mesh, &["-k", "4"]).into_iter().collect();
+        let four: BTreeSet<u32> = direct(&mesh, &["-k", "4"]).into_iter().collect();
         assert_eq!(four.len(), 4, "{name}");
     }
 }

@@ -18,7 +18,7 @@ from ._results import Correspondence, Segmentation, Sequence, Transfer, cut_mesh
 
 Bytes = Union[int, str, None]
 # The values that options accept, for type checkers and for validation.
-Cluster = Literal["parts", "kmeans", "k-means", "two-means"]
+Cluster = Literal["parts", "kmeans", "k-means", "two-means", "components"]
 Decision = Literal["soft-trees", "consensus", "single"]
 TinyComponents = Literal["join", "own"]
 Walls = Literal["follow", "own"]
@@ -33,7 +33,7 @@ Matching = Literal["all", "mutual", "one-to-one"]
 StreamOrder = Literal["spectral", "pca", "bfs", "rcm", "hilbert", "random", "keep"]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
-_METHODS = {"parts": "parts", "kmeans": "k-means", "k-means": "k-means", "two-means": "two-means"}
+_METHODS = {"parts": "parts", "kmeans": "k-means", "k-means": "k-means", "two-means": "two-means", "components": "components"}
 
 
 def _choose(name: str, value: Any, words: Any) -> str:
@@ -67,13 +67,17 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
         if word is not None:
             _choose(name, word, words)
     own = {"decision": decision, "tiny_components": tiny_components, "walls": walls, "boundaries": boundaries}
-    given = [name for name, value in own.items() if value is not None]
+    given = [name for name, value in own.items() if value is not None and (name != "tiny_components" or method != "components")]
     if method != "parts" and given:
         raise ValueError(f"{given[0]}: requires cluster='parts'")
     means = {"kernel": kernel, "sigma": sigma, "normalise": normalise, "unit_rows": unit_rows}
     wanted = [name for name, value in means.items() if value is not None]
-    if method == "parts" and wanted:
+    if method in ("parts", "components") and wanted:
         raise ValueError(f"{wanted[0]}: requires cluster='kmeans' or 'two-means'")
+    distances = {"landmarks": landmarks, "sampling": sampling, "exact": exact or None}
+    unused = [name for name, value in distances.items() if value is not None]
+    if method == "components" and unused:
+        raise ValueError(f"{unused[0]}: has no effect with cluster='components'")
     if parts is not None and parts_range is not None:
         raise ValueError("parts and parts_range exclude each other; give one")
     if parts is not None:
@@ -130,9 +134,11 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
     faces: if `mesh` are vertices: (n, corners) integers from 0, or a list of faces of different lengths.
     parts: exact number of parts; by default it is found automatically, within `parts_range` if given.
     detail: -1 (coarse) to 1 (fine); shifts the automatic number of parts.
-    cluster: "parts" (as people would cut), or the paper's "kmeans" (needs `parts`) or "two-means".
+    cluster: "parts" (as people would cut), the paper's "kmeans" (needs `parts`) or "two-means", or "components" (connected
+        components, by descending area).
     decision: how parts are decided: "soft-trees", "consensus" or "single".
-    tiny_components: "join" (each joins the nearest part) or "own" (together they form one extra part).
+    tiny_components: "join" (each joins the nearest part; with cluster="components" it is a part itself) or "own" (together they
+        form one extra part).
     walls: inner walls of hollow bodies: "follow" (they get the labels of the outer surface behind them) or "own" (together they form
         one extra part).
     boundaries: "front" or "embedding".

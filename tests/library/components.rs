@@ -1,0 +1,87 @@
+//! Connected components as parts, against a slow version.
+
+use nystrom_stream::pipeline::{Cluster, TinyComponents};
+use nystrom_stream::{Mesh, Segmenter};
+
+/// Strips of triangles of different lengths and widths, their faces dealt out in turn so that hardly any two
+/// consecutive faces are in one component.
+fn strips(lengths: &[usize]) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let (mut positions, mut dealt) = (Vec::new(), Vec::new());
+    for (k, &length) in lengths.iter().enumerate() {
+        let first = positions.len() as u32;
+        positions.extend((0..length + 2).map(|i| [i as f64, 3. * k as f64 + (i % 2) as f64, 0.]));
+        dealt.extend((0..length as u32).map(|i| (i, k, [0, 1, 2].map(|corner| first + i + corner))));
+    }
+    dealt.sort_unstable();
+    (positions, dealt.into_iter().map(|(.., face)| face).collect())
+}
+
+/// The first face of each face's component: numbers spread over common edges until nothing changes.
+fn first_faces(faces: &[[u32; 3]]) -> Vec<usize> {
+    let joined = |a: &[u32; 3], b: &[u32; 3]| a.iter().filter(|corner| b.contains(corner)).count() >= 2;
+    let mut first: Vec<usize> = (0..faces.len()).collect();
+    loop {
+        let before = first.clone();
+        for (i, a) in faces.iter().enumerate() {
+            first[i] = (0..faces.len()).filter(|&j| joined(a, &faces[j])).map(|j| first[j]).min().unwrap();
+        }
+        if first == before {
+            return first;
+        }
+    }
+}
+
+/// Components by descending number of faces, which all have the same area, then by their first faces.
+fn slowly(faces: &[[u32; 3]]) -> Vec<u32> {
+    let first = first_faces(faces);
+    let size = |face: usize| first.iter().filter(|&&other| other == face).count();
+    let mut all: Vec<usize> = (0..faces.len()).filter(|&face| first[face] == face).collect();
+    all.sort_by_key(|&face| (std::cmp::Reverse(size(face)), face));
+    first.iter().map(|face| all.iter().position(|other| other == face).unwrap() as u32).collect()
+}
+
+#[test]
+fn components_are_numbered_by_descending_area() {
+    let (positions, faces) = strips(&[3, 40, 1, 17, 17, 2, 90, 1, 5]);
+    let mesh = Mesh::from_slices(&positions, &faces).unwrap();
+    let segmenter = Segmenter::new().method(Cluster::Components);
+    let cut = segmenter.run(&mesh).unwrap();
+    assert_eq!(cut.labels(), slowly(&faces));
+    let counts: Vec<u64> = cut.report().parts.iter().map(|part| part.faces).collect();
+    assert_eq!(counts, [90, 40, 17, 17, 5, 3, 2, 1, 1]);
+    assert!(cut.report().parts.iter().all(|part| (part.area - part.faces as f64).abs() < 1e-5));
+    assert!(cut.confidences().iter().all(|&confidence| confidence == 1.));
+    for threads in [1, 3] {
+        let again = segmenter.clone().threads(threads).memory(1 << 20).run(&mesh).unwrap();
+        assert_eq!(again.labels(), cut.labels());
+    }
+}
+
+/// Components below .5 % of the area, and below a tenth of the largest, share the last part.
+#[test]
+fn tiny_components_share_a_part_on_request() {
+    let (positions, faces) = strips(&[1, 300, 2, 150, 1]);
+    let mesh = Mesh::from_slices(&positions, &faces).unwrap();
+    let segmenter = Segmenter::new().method(Cluster::Components).tiny_components(TinyComponents::Own);
+    let cut = segmenter.run(&mesh).unwrap();
+    let expected: Vec<u32> = slowly(&faces).into_iter().map(|label| label.min(2)).collect();
+    assert_eq!(cut.labels(), expected);
+    assert_eq!((cut.report().tiny_components_label, cut.report().tiny_component_faces), (Some(2), 4));
+}
+
+#[test]
+fn a_connected_mesh_is_one_part() {
+    let (positions, faces) = strips(&[7]);
+    let mesh = Mesh::from_slices(&positions, &faces).unwrap();
+    let cut = Segmenter::new().method(Cluster::Components).run(&mesh).unwrap();
+    assert_eq!((cut.labels(), cut.parts()), (&[0; 7][..], 1));
+    assert!(cut.report().notes.iter().any(|note| note.contains("all faces are connected")));
+}
+
+#[test]
+fn options_without_effect_are_refused() {
+    let (positions, faces) = strips(&[7, 3]);
+    let mesh = Mesh::from_slices(&positions, &faces).unwrap();
+    let error = Segmenter::new().method(Cluster::Components).parts(2).run(&mesh).unwrap_err();
+    assert!(error.to_string().contains("as many parts as connected components"), "{error}");
+}
