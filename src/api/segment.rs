@@ -235,7 +235,7 @@ impl Segmenter {
         let params = &params;
         self.options.with(|context, log| {
             let edits = self.edits.as_ref().map(|edits| edits.on(mesh, context.run)).transpose()?;
-            let corrections = Corrections { edits: edits.as_ref(), painted: self.hints.as_deref() };
+            let corrections = Corrections { edits: edits.as_ref(), painted: self.hints.as_deref(), transferred: false };
             let identity = admitted(mesh, self.options.force, context)?;
             let cut = pipeline::segment_corrected(mesh, &identity, params, corrections, context)?;
             let hierarchy = Hierarchy::kept(params, context)?;

@@ -117,5 +117,5 @@ pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Res
 
 /// Edits and painted values in the form that the library takes.
 pub fn corrections<'a>(edits: Option<&'a PlacedEdits<'a>>, painted: Option<&'a MappedSlice<u32>>) -> Corrections<'a> {
-    Corrections { edits, painted: painted.map(|values| &values[..]) }
+    Corrections { edits, painted: painted.map(|values| &values[..]), transferred: false }
 }

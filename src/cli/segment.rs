@@ -11,6 +11,7 @@ use super::results::{Cut, measured};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::measure;
 use nystrom_stream::base::{Progress, Result};
+use nystrom_stream::pipeline::edits::Corrections;
 use nystrom_stream::pipeline::like::{self, LikeFacts, Way};
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{SegmentParams, labels, segment_corrected};
@@ -195,7 +196,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         like.map(|like| like::transfer_labels(like.reference(), &opened, Context::new(&work, run))).transpose()?;
     let painted = transferred.as_ref().map(|transferred| &transferred.values).or(painted.as_ref());
     let placed = edits.map(|edits| edits.on(&opened, run)).transpose()?;
-    let corrections = corrections(placed.as_ref(), painted);
+    let corrections = Corrections { transferred: transferred.is_some(), ..corrections(placed.as_ref(), painted) };
     let mut result = segment_corrected(&opened, &identity, params, corrections, Context::new(&work, run))?;
     if let (Some(like), Some(transferred)) = (like, &mut transferred) {
         result = like::apply_reference_numbering(result, transferred, like.reference(), Context::new(&work, run))?;

@@ -20,6 +20,8 @@ use std::collections::{BTreeMap, BTreeSet};
 const CHUNK: usize = 1 << 15;
 /// Number of rings of cells along boundaries within which refinement may move a boundary; an upper bound.
 const BAND: usize = 3;
+/// Maximum number of painted values that a note names.
+const SHOWN_VALUES: usize = 10;
 
 /// A person's corrections, in addition to the options of a run.
 #[derive(Clone, Copy, Debug, Default)]
@@ -29,6 +31,9 @@ pub struct Corrections<'a> {
     /// Hints painted on faces, one value per face of the file (n): equal values belong together, different ones apart,
     /// 0 means no hint.
     pub painted: Option<&'a [u32]>,
+    /// Whether `painted` was transferred from another mesh. It is then a guess about every face, and those whose hint
+    /// stays unmet are not noted.
+    pub transferred: bool,
 }
 
 /// Names and colours that a person has given to parts.
@@ -93,8 +98,9 @@ impl Corrections<'_> {
     /// Notes which hints, cuts and merges are not satisfied: their two places, at `nodes`, are still in one part, or in
     /// two. This happens because boundaries are refined after parts were decided on cells; `labels` (n) are the final
     /// labels. Edits whose parts later edits may have joined or divided are not reported.
-    pub(super) fn tell_unmet(&self, nodes: &[Vec<u32>], labels: &[u32], run: &Run) {
-        let Some(edits) = self.edits() else { return };
+    pub(super) fn tell_unmet(&self, nodes: &[Vec<u32>], order: &NodeOrder, labels: &[u32], run: &Run) {
+        let nothing = Edits::default();
+        let edits = self.edits().unwrap_or(&nothing);
         let joins = |edit: &Edit| matches!(edit, Edit::Merge { .. } | Edit::Drop { .. });
         let divides = |edit: &Edit| matches!(edit, Edit::Split { .. } | Edit::Cut { .. });
         let (joined, divided) = (edits.edits.iter().rposition(joins), edits.edits.iter().rposition(divides));
@@ -114,6 +120,10 @@ impl Corrections<'_> {
                 let problem = format!("{problem} once boundaries are refined");
                 run.progress.note(&edits.wrong(number, problem, "move them farther into the parts").to_string());
             }
+        }
+        if let Some(painted) = self.painted.filter(|_| !self.transferred) {
+            let value = |node: u32| painted[order.face(node) as usize];
+            tell_unmet_paint(value, labels, divided.is_none(), joined.is_none(), run);
         }
     }
 
@@ -188,6 +198,47 @@ impl Corrections<'_> {
         };
         let (cut, marks) = state.finish();
         Ok((cut, PartMarks { edits: self.edits().map(Edits::text).transpose()?, ..marks }))
+    }
+}
+
+/// Notes how many painted faces are outside the part of their value, if `together` is set, and which values share a
+/// part, if `apart` is. `value` is the painted value of a node, `labels` (n) are the final labels. The part of a value
+/// is the one that contains most of its faces.
+fn tell_unmet_paint(value: impl Fn(u32) -> u32, labels: &[u32], together: bool, apart: bool, run: &Run) {
+    let pairs = (0u32..).zip(labels).map(|(node, &part)| (value(node), part));
+    // Of each value: its part, the number of its faces there, and of all of its faces.
+    let mut values: BTreeMap<u32, (u32, u64, u64)> = BTreeMap::new();
+    for ((value, part), faces) in tally(pairs.filter(|(value, _)| *value != 0)) {
+        let (own, most, all) = values.entry(value).or_default();
+        *all += faces;
+        if faces > *most {
+            (*own, *most) = (part, faces);
+        }
+    }
+    let all: u64 = values.values().map(|(_, _, all)| all).sum();
+    let outside = all - values.values().map(|(_, most, _)| most).sum::<u64>();
+    if together && outside > 0 {
+        run.progress.note(&format!(
+            "painted hints: {outside} of {all} faces are outside the part of their value once boundaries are refined; \
+             paint farther into the parts"
+        ));
+    }
+    // The value with most faces in each part.
+    let mut first: BTreeMap<u32, (u64, u32)> = BTreeMap::new();
+    for (&value, &(part, most, _)) in &values {
+        let first = first.entry(part).or_default();
+        if most > first.0 {
+            *first = (most, value);
+        }
+    }
+    let joined = values.iter().filter_map(|(&value, (part, ..))| Some((value, first.get(part)?.1)));
+    let joined: Vec<String> = joined.filter(|(a, b)| a != b).map(|(a, b)| format!("{a} with {b}")).collect();
+    if apart && !joined.is_empty() {
+        let shown = joined[..joined.len().min(SHOWN_VALUES)].join(", ");
+        let more = joined.len().checked_sub(SHOWN_VALUES + 1).map_or(String::new(), |k| format!(" and {} more", k + 1));
+        run.progress.note(&format!(
+            "painted hints: different values are in one part: {shown}{more}; paint more faces of each, farther apart"
+        ));
     }
 }
 

@@ -115,7 +115,7 @@ pub(super) fn parts(
         boundary::refine(boundaries, decided.units.cells(), method, LABELS, context)
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
-    requests.corrections.tell_unmet(&nodes, &labels, context.run);
+    requests.corrections.tell_unmet(&nodes, order, &labels, context.run);
     let (mut parts, mut tiny_components_label) = (decided.parts, None);
     if params.tiny_components == TinyComponents::Own && shares.tiny_nodes == 0 {
         context.run.progress.note("there are no tiny components, so no label stands for them");

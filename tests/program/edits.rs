@@ -290,6 +290,51 @@ fn painted_faces_are_hints() {
     assert!(!output.status.success() && errors(&output).contains("colour"), "{}", errors(&output));
 }
 
+/// Regression: nothing was told of painted faces whose hint the result does not follow.
+#[test]
+fn painted_hints_that_stay_unmet_are_told() {
+    let scene = scene(12_000);
+    let (painted, out) = (scene.dir.path().join("painted.ply"), scene.dir.path().join("out.seg"));
+    let mesh = Mesh::open(&scene.mesh).unwrap();
+    let mut values = scene.before.clone();
+    // A single face in the midst of a part: the cell around it has the part's value.
+    let places = mesh.faces.len();
+    let inner = (0..places).find(|&face| {
+        mesh.faces.with(face, |corners| {
+            let touches = |other: usize| mesh.faces.with(other, |all| all.iter().any(|v| corners.contains(v)));
+            scene.before[face] == 1 && (0..places).filter(|&other| touches(other)).all(|other| values[other] == 1)
+        })
+    });
+    values[inner.unwrap()] = 77;
+    let labelling = Labelling { labels: &values, colours: &[[0; 3]; 78], quality: None, names: &[] };
+    mesh::write_labelled(&mesh, &painted, &labelling, mesh::PlyForm::Same, &Run::new(&())).unwrap();
+    let told = |more: &[&str]| {
+        let output = run(&[&["segment", word(&painted), "-k", "9", "-o", word(&out)], more].concat());
+        assert!(output.status.success(), "{}", errors(&output));
+        errors(&output)
+    };
+    let all = told(&["--hints", "label"]);
+    assert!(all.contains("painted hints: different values are in one part: 77 with 1; paint more faces"), "{all}");
+    let found = read_seg(&out).unwrap();
+    let mut faces = vec![[0usize; 16]; 78];
+    values
+        .iter()
+        .zip(&found)
+        .filter(|(value, _)| **value > 0)
+        .for_each(|(&v, &part)| faces[v as usize][part as usize] += 1);
+    let outside: usize = faces.iter().map(|parts| parts.iter().sum::<usize>() - parts.iter().max().unwrap()).sum();
+    let painted_faces = values.iter().filter(|value| **value > 0).count();
+    let note = format!("painted hints: {outside} of {painted_faces} faces are outside the part of their value");
+    assert_eq!(all.contains(&note), outside > 0, "{note}: {all}");
+    // Later edits may join and divide what was painted.
+    let merge = scene.file(&json!([{"edit": "merge", "at": [scene.place(2), scene.place(3)]}]));
+    let merged = told(&["--hints", "label", "--edits", word(&merge)]);
+    assert!(!merged.contains("different values"), "{merged}");
+    // Labels from another mesh are guesses.
+    let output = run(&["segment", word(&scene.mesh), "--like", word(&painted), "-o", word(&out)]);
+    assert!(output.status.success() && !errors(&output).contains("painted hints"), "{}", errors(&output));
+}
+
 /// Regression: where an edit had a place beside a boundary, the labels that it was looked at with took the place of
 /// those in the work directory, which were called damaged when a later edit was refused.
 #[test]
