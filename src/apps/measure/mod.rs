@@ -5,8 +5,8 @@
 //! vertices. One pass over the faces sums up each part; a part's volume is given only if its surface is closed and
 //! consistently wound. Stray vertices count at their repaired positions ([`Mesh::without_strays`]). Cost: the graph (60
 //! bytes per face in a work directory or in memory), some 200 ns per face, [`PER_LABEL`] bytes per distinct label, 100
-//! per open edge while loops are counted, and 8 per corner of faces with more than [`LONG`] corners and of their
-//! neighbours.
+//! per open edge while loops are counted, 8 per corner of faces with more than [`LONG`] corners and of their
+//! neighbours, and some 200 per edge of three or more faces between labels, in a chunk.
 
 mod sums;
 mod table;
@@ -24,7 +24,8 @@ use crate::mesh::Mesh;
 use crate::store::Context;
 use serde::Serialize;
 use serde_json::json;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use sums::{Sums, Unit};
 
 /// Faces per chunk.
@@ -79,11 +80,14 @@ struct Faces<'a> {
 /// Sorted edges around long faces, so that each corner is a lookup instead of a comparison with all others.
 #[derive(Default)]
 struct LongFaces {
-    /// A long face, and the edges of its neighbours.
-    around: Option<(u32, Vec<(u32, u32)>)>,
+    /// The edges of the neighbours of long faces.
+    around: HashMap<u32, Vec<(u32, u32)>>,
     /// The edges of neighbours that are long.
     own: HashMap<u32, Vec<(u32, u32)>>,
 }
+
+/// The labels at edges of more than two sides, by the edges' ends, as in [`Faces::labels_at`].
+type SharedEdges = HashMap<[[u64; 3]; 2], BTreeMap<u32, u32>>;
 
 /// The ends of an edge, the smaller first.
 fn ends([a, b]: [[u64; 3]; 2]) -> [[u64; 3]; 2] {
@@ -94,8 +98,8 @@ fn ends([a, b]: [[u64; 3]; 2]) -> [[u64; 3]; 2] {
 type Share = (BTreeMap<u32, Sums>, Vec<[[u64; 3]; 2]>);
 
 impl Faces<'_> {
-    fn label(&self, face: usize) -> u32 {
-        self.labels.map_or(0, |labels| labels[face])
+    fn label(&self, face: u32) -> u32 {
+        self.labels.map_or(0, |labels| labels[face as usize])
     }
 
     /// Whether all `corners` of a face are finite: other faces have no area.
@@ -105,8 +109,8 @@ impl Faces<'_> {
 
     /// The faces that share an edge with `face`. A bridge leads to another body, which may touch this one, but shares
     /// no edge.
-    fn beside(&self, face: usize) -> impl Iterator<Item = u32> {
-        let edges = self.neighbours.neighbours(face as u32);
+    fn beside(&self, face: u32) -> impl Iterator<Item = u32> {
+        let edges = self.neighbours.neighbours(face);
         edges.filter(|(_, length)| *length != 0.).map(|(other, _)| other)
     }
 
@@ -127,30 +131,26 @@ impl Faces<'_> {
         edges
     }
 
-    /// The neighbour across the edge from `a` to `b` of `face`, preferring one of another label, then one of consistent
-    /// winding; also returns whether the winding contradicts.
-    fn across(&self, face: usize, [a, b]: [[u64; 3]; 2], long: &mut LongFaces) -> Option<(u32, bool)> {
-        let mut found: Option<(u32, bool)> = None;
-        let mut look = |other: u32, [before, at]: [[u64; 3]; 2]| {
+    /// Passes to `look` each neighbour of `face` with an edge between `a` and `b`, and whether it runs from `a` to `b`.
+    fn for_each_across(&self, face: u32, [a, b]: [[u64; 3]; 2], long: &mut LongFaces, look: &mut dyn FnMut(u32, bool)) {
+        let look = &mut |other: u32, [before, at]: [[u64; 3]; 2]| {
             let (back, along) = (before == b && at == a, before == a && at == b);
-            let rank = |(other, along): (u32, bool)| (self.label(other as usize) == self.label(face), along);
             if back || along {
-                let one = (other, !back);
-                found = Some(found.map_or(one, |known| if rank(one) < rank(known) { one } else { known }));
+                look(other, !back);
             }
         };
+        let is_long = |face: u32| self.mesh.faces.with(face as usize, |corners| corners.len() > LONG);
         let among = |edges: &[(u32, u32)], look: &mut dyn FnMut(u32, [[u64; 3]; 2])| {
             let first = edges.partition_point(|&edge| ends(self.edge(edge)) < ends([a, b]));
             let alike = edges[first..].iter().take_while(|&&edge| ends(self.edge(edge)) == ends([a, b]));
             alike.for_each(|&edge| look(edge.0, self.edge(edge)));
         };
-        if let Some((_, edges)) = long.around.as_ref().filter(|(of, _)| *of == face as u32) {
-            among(edges, &mut look);
-            return found;
+        if is_long(face) {
+            return among(long.around.entry(face).or_insert_with(|| self.edges_of(self.beside(face))), look);
         }
         for other in self.beside(face) {
-            if self.mesh.faces.with(other as usize, |corners| corners.len() > LONG) {
-                among(long.own.entry(other).or_insert_with(|| self.edges_of([other])), &mut look);
+            if is_long(other) {
+                among(long.own.entry(other).or_insert_with(|| self.edges_of([other])), look);
                 continue;
             }
             self.mesh.faces.with(other as usize, |corners| {
@@ -162,24 +162,68 @@ impl Faces<'_> {
                 }
             });
         }
+    }
+
+    /// The neighbour across the edge between `a` and `b` of `face`, preferring one of another label, then one of
+    /// consistent winding; also returns whether the winding contradicts.
+    fn across(&self, face: u32, [a, b]: [[u64; 3]; 2], long: &mut LongFaces) -> Option<(u32, bool)> {
+        let rank = |(other, along): (u32, bool)| (self.label(other) == self.label(face), along);
+        let mut found: Option<(u32, bool)> = None;
+        self.for_each_across(face, [a, b], long, &mut |other, along| {
+            let one = (other, along);
+            found = Some(found.map_or(one, |known| if rank(one) < rank(known) { one } else { known }));
+        });
         found
+    }
+
+    /// The labels at the edge between `a` and `b` of `face`, if it has more than two sides: for each the face that
+    /// counts the edge, the first with a neighbour of another label there. The graph links such faces in a chain, so
+    /// not all of them are neighbours of each other.
+    fn labels_at<'e>(
+        &self,
+        face: u32,
+        [a, b]: [[u64; 3]; 2],
+        long: &mut LongFaces,
+        shared: &'e mut SharedEdges,
+    ) -> Option<&'e BTreeMap<u32, u32>> {
+        let free = match shared.entry(ends([a, b])) {
+            Entry::Occupied(known) => return Some(known.into_mut()),
+            Entry::Vacant(free) => free,
+        };
+        let (mut seen, mut next, mut sides) = (BTreeSet::from([face]), vec![face], 0);
+        let mut labels = BTreeMap::new();
+        while let Some(side) = next.pop() {
+            let label = self.label(side);
+            self.for_each_across(side, [a, b], long, &mut |other, _| {
+                sides += 1;
+                if self.label(other) != label {
+                    labels.entry(label).and_modify(|first| *first = side.min(*first)).or_insert(side);
+                }
+                if seen.insert(other) {
+                    next.push(other);
+                }
+            });
+        }
+        (sides > 2).then(|| &*free.insert(labels))
     }
 
     fn share(&self, range: std::ops::Range<usize>, wants_open: bool) -> Share {
         let (mut sums, mut open, mut long) = (BTreeMap::<u32, Sums>::new(), Vec::new(), LongFaces::default());
+        let mut shared = SharedEdges::new();
         self.mesh.faces.for_each(range, |face, corners| {
+            let face = face as u32;
             let label = self.label(face);
             let mine = sums.entry(label).or_default();
             mine.faces += 1;
             if self.is_in_space(corners) {
                 self.mesh.triangles(corners, |_, at| mine.triangle(at.map(|p| self.unit.place(p))));
             }
-            if corners.len() > LONG {
-                long.around = Some((face as u32, self.edges_of(self.beside(face))));
-            }
-            for (k, &v) in corners.iter().enumerate() {
-                let ends = [v, corners[if k + 1 == corners.len() { 0 } else { k + 1 }]];
-                let [from, to] = ends.map(|v| self.mesh.positions.get(v));
+            let edge = |k: usize| {
+                let ends = [corners[k], corners[if k + 1 == corners.len() { 0 } else { k + 1 }]];
+                ends.map(|v| self.mesh.positions.get(v))
+            };
+            for k in 0..corners.len() {
+                let [from, to] = edge(k);
                 let [a, b] = [position_key(from), position_key(to)];
                 if a == b || !finite(from) || !finite(to) {
                     continue;
@@ -197,9 +241,21 @@ impl Faces<'_> {
                             !self.whole && !self.mesh.faces.with(other as usize, |corners| self.is_in_space(corners))
                         };
                         mine.clashes += u64::from(along || is_hole());
-                        let other = self.label(other as usize);
-                        if other != label {
+                        let other = self.label(other);
+                        if other == label {
+                            continue;
+                        }
+                        let mut add = |other: u32| {
                             *mine.borders.entry(other).or_default() += self.unit.distance(from, to);
+                        };
+                        let Some(labels) = self.labels_at(face, [a, b], &mut long, &mut shared) else {
+                            add(other);
+                            continue;
+                        };
+                        // A face may pass the edge several times.
+                        let passed = || (0..k).any(|k| ends(edge(k).map(position_key)) == ends([a, b]));
+                        if labels.get(&label) == Some(&face) && !passed() {
+                            labels.keys().filter(|&&other| other != label).for_each(|&other| add(other));
                         }
                     }
                 }
@@ -430,6 +486,38 @@ mod tests {
         let labels: Vec<u32> = (0..24).map(|k| u32::from(k >= 12)).collect();
         for part in with(|context| parts(&both, &labels, 2, context)).unwrap() {
             assert!((part.volume.unwrap() - 1.).abs() < 1e-9 && part.neighbours.is_empty(), "{part:?}");
+        }
+    }
+
+    /// Regression: at an edge of three parts each listed one of the others, which did not always list it; at one of
+    /// several faces per part, borders had different lengths on both sides.
+    #[test]
+    fn neighbours_list_each_other_at_edges_of_many_faces() {
+        for (corners, labels) in
+            [(3, &[0, 1, 2][..]), (3, &[2, 0, 0, 1, 1]), (80, &[0, 1, 1, 2]), (3, &[0, 0, 1, 0, 2])]
+        {
+            // Wings around the same edge; the first passes it twice.
+            let (mut points, mut faces) = (vec![[0.; 3], [0., 0., 1.]], Vec::new());
+            for wing in 0..labels.len() {
+                let (sin, cos) = (wing as f64).sin_cos();
+                let rim = (0..corners - 2).map(|k| 1. - k as f64 / corners as f64);
+                let first = points.len() as u32;
+                points.extend(rim.map(|z| [cos, sin, z]));
+                faces.push([0, 1].into_iter().chain(first..points.len() as u32).collect::<Vec<u32>>());
+            }
+            faces[0].extend([0, 1, 2]);
+            let soup: Vec<[f64; 3]> = faces.iter().flatten().map(|&v| points[v as usize]).collect();
+            let mut next = 0..;
+            let own: Vec<Vec<u32>> = faces.iter().map(|face| next.by_ref().take(face.len()).collect()).collect();
+            for (points, faces) in [(&points, &faces), (&soup, &own)] {
+                let wings = Mesh::from_slices(points, faces).unwrap();
+                let all = with(|context| parts(&wings, labels, 3, context)).unwrap();
+                for (part, measures) in (0..).zip(&all) {
+                    let others = (0..3).filter(|other| *other != part);
+                    let expected: Vec<Neighbour> = others.map(|label| Neighbour { label, length: 1. }).collect();
+                    assert_eq!(measures.neighbours, expected, "{labels:?} {part} {corners}");
+                }
+            }
         }
     }
 
