@@ -3,10 +3,12 @@
 //! another.
 
 use super::options::CliError;
+use nystrom_stream::apps::export::Form;
+use nystrom_stream::apps::export::obj::material_file;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::pipeline::input;
 use nystrom_stream::store::{WorkDir, json, partial_name};
-use std::collections::HashSet;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -153,8 +155,13 @@ fn place(path: &Path) -> Option<PathBuf> {
         _ if path == Path::new("-") => Some(path.into()),
         Ok(there) if there.is_file() => path.canonicalize().ok(),
         Ok(_) => None,
-        Err(_) => Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?)),
+        Err(_) => own_place(path),
     }
+}
+
+/// The location of `path` itself, even if it is a link.
+fn own_place(path: &Path) -> Option<PathBuf> {
+    Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?))
 }
 
 /// Rejects outputs that would overwrite an input, each other, or files in the work directory `folder`, or that cannot
@@ -174,7 +181,8 @@ pub fn recorded_mesh(folder: &Path) -> Option<PathBuf> {
     input::recorded_mesh(&WorkDir::open_any(folder).ok()?)
 }
 
-/// Rejects outputs that would overwrite an input, or each other.
+/// Rejects outputs that would overwrite an input, or each other, also by a file that is written on the way to one, or
+/// beside it.
 pub fn check_distinct<'a>(
     inputs: impl IntoIterator<Item = &'a PathBuf>,
     outputs: impl IntoIterator<Item = &'a PathBuf>,
@@ -182,7 +190,7 @@ pub fn check_distinct<'a>(
     let stdout = Path::new("-");
     let inputs = inputs.into_iter().filter(|path| *path != stdout);
     let inputs: HashSet<PathBuf> = inputs.filter_map(|path| place(path)).collect();
-    let mut seen = HashSet::new();
+    let mut seen = BTreeMap::new();
     for path in outputs {
         let partial = place(&partial_name(path)).unwrap_or_default();
         let Some(place) = place(path) else { continue };
@@ -191,7 +199,7 @@ pub fn check_distinct<'a>(
             () if inputs.contains(&partial) => {
                 "is written to a .partial file first, which is an input; choose another file"
             }
-            () if seen.insert(place) => continue,
+            () if seen.insert(place, path).is_none() => continue,
             () if path == stdout => {
                 let text = "-: two outputs cannot both go to standard output; give one of them a file";
                 return Err(CliError::Usage(text.into()));
@@ -199,6 +207,19 @@ pub fn check_distinct<'a>(
             () => "two outputs cannot have the same name; choose another file",
         };
         return Err(CliError::Usage(format!("{}: {problem}", path.display())));
+    }
+    let mut implied = BTreeSet::new();
+    for path in seen.values().filter(|path| **path != stdout) {
+        let materials = (Form::of(path) == Some(Form::Obj)).then(|| material_file(path));
+        for file in [partial_name(path)].into_iter().chain(materials) {
+            // Links in their places are replaced, not followed.
+            let Some(place) = own_place(&file) else { continue };
+            if seen.contains_key(&place) || !implied.insert(place) {
+                let (file, path) = (file.display(), path.display());
+                let text = format!("{path}: {file} is written with it, and is another output; choose another file");
+                return Err(CliError::Usage(text));
+            }
+        }
     }
     Ok(())
 }

@@ -301,4 +301,15 @@ fn nothing_is_written_over_an_input_or_another_output() {
     }
     let output = run(&["segment", mesh, "-o", x, &format!("--json={x}")]);
     assert!(output.status.code() == Some(2) && errors(&output).contains("two outputs cannot have the same name"));
+    // Regression: a report took the place of the materials that an OBJ comes with.
+    let [obj, materials] = ["x.obj", "x.mtl"].map(|name| dir.path().join(name));
+    for report in [&materials, &dir.path().join("x.obj.partial")] {
+        let output = run(&["segment", mesh, "-o", word(&obj), &format!("--json={}", word(report))]);
+        let told = format!("{} is written with it, and is another output", word(report));
+        assert!(output.status.code() == Some(2) && errors(&output).contains(&told), "{}", errors(&output));
+    }
+    // A file of another program is not overwritten by materials, which get another name.
+    std::fs::write(&materials, "newmtl skin\n").unwrap();
+    common::segment(Path::new(mesh), &["-q", "-o", word(&obj), &format!("--json={}", word(&materials))]);
+    assert!(std::fs::read_to_string(dir.path().join("x.parts.mtl")).unwrap().contains("newmtl part_0"));
 }

@@ -125,8 +125,8 @@ fn is_free(path: &Path) -> bool {
     }
 }
 
-/// The material file of the OBJ file `path`: never overwrites one of another program.
-fn material_file(path: &Path) -> PathBuf {
+/// The material file of the OBJ file `path`, if the input has no materials: never overwrites one of another program.
+pub fn material_file(path: &Path) -> PathBuf {
     let endings = (2..).map(|k| format!("parts{k}.mtl"));
     let all = ["mtl".to_string(), "parts.mtl".into()].into_iter().chain(endings).map(|end| path.with_extension(end));
     all.take(1000).find(|place| is_free(place)).unwrap_or_else(|| path.with_extension("mtl"))
