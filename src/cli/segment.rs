@@ -117,12 +117,11 @@ impl Job {
         Provenance::new(&self.mesh, options)
     }
 
-    /// Whether `provenance` made all outputs, after the last change of the mesh.
+    /// Whether `provenance` made all outputs. It identifies the mesh by its content: the time of a mesh may be in the
+    /// future, if it is from a machine whose clock is ahead.
     pub fn is_done(&self, provenance: Option<&Provenance>, progress: &Bars) -> bool {
-        let newer = self.is_newer();
-        let done = newer
-            && provenance.is_some_and(|provenance| self.outputs.iter().all(|output| provenance.is_current(output)));
-        if newer && !done {
+        let done = provenance.is_some_and(|provenance| self.outputs.iter().all(|output| provenance.is_current(output)));
+        if !done && self.is_newer() {
             progress.note_of_work("its outputs may be from another mesh or other options, and are written again");
         }
         done

@@ -165,6 +165,24 @@ fn a_mesh_of_the_same_ends_that_takes_the_place_of_another_is_done_again() {
     assert!(again().contains("1 skipped"));
 }
 
+/// Regression: outputs are never newer than a mesh from a machine whose clock is ahead, so it was cut in every run.
+#[test]
+fn a_mesh_from_the_future_is_skipped_once_it_is_done() {
+    let dir = common::in_memory();
+    let (mesh, out) = (zoo::dumbbell().write(dir.path()), dir.path().join("out.seg"));
+    let future = std::time::SystemTime::now() + std::time::Duration::from_secs(86_400);
+    let again = || {
+        std::fs::File::options().write(true).open(&mesh).unwrap().set_modified(future).unwrap();
+        let output = run(&["segment", word(&mesh), "-k", "2", "--resume", "-o", word(&out)]);
+        errors(&output).lines().next_back().unwrap_or_default().to_string()
+    };
+    assert!(again().contains("1 done, 0 failed, in "));
+    assert!(again().contains("1 skipped"));
+    // Another mesh at this path is still cut.
+    std::fs::copy(zoo::grid(9).write(dir.path()), &mesh).unwrap();
+    assert!(again().contains("1 done, 0 failed, in "));
+}
+
 /// Only the list of a folder of parts was looked at: one whose parts were gone or cut short was skipped.
 #[test]
 fn a_folder_of_parts_is_skipped_if_it_is_whole() {
