@@ -124,6 +124,8 @@ pub fn refusal(action: &str, source: &io::Error) -> String {
 fn hint(action: &str, error: &io::Error) -> &'static str {
     match error.kind() {
         io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => "; check the path",
+        io::ErrorKind::InvalidFilename => "; shorten the path, or choose another name",
+        io::ErrorKind::FileTooLarge => "; raise the limit of file sizes (ulimit -f), or choose another file system",
         io::ErrorKind::AlreadyExists | io::ErrorKind::IsADirectory => "; choose another name",
         io::ErrorKind::PermissionDenied if ["open", "read"].contains(&action) => "; check its permissions",
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
@@ -133,7 +135,13 @@ fn hint(action: &str, error: &io::Error) -> &'static str {
             "; free some disk space, or put the work elsewhere with `temporary_folder` or `work_dir`"
         }
         io::ErrorKind::OutOfMemory => "; raise the limit of the address space: ulimit -v",
-        _ => "",
+        // These kinds are not stable yet.
+        _ => match error.raw_os_error() {
+            Some(libc::ELOOP) => "; check where its links lead",
+            Some(libc::EMFILE | libc::ENFILE) => "; raise the limit of open files: ulimit -n",
+            Some(libc::EIO) => "; check the disk, and the system's log",
+            _ => "",
+        },
     }
 }
 
@@ -188,6 +196,32 @@ impl Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Regression: some refusals were told without a remedy.
+    #[test]
+    fn what_the_system_refuses_has_a_remedy() {
+        for code in [
+            libc::EACCES,
+            libc::EDQUOT,
+            libc::EEXIST,
+            libc::EFBIG,
+            libc::EIO,
+            libc::EISDIR,
+            libc::ELOOP,
+            libc::EMFILE,
+            libc::ENAMETOOLONG,
+            libc::ENFILE,
+            libc::ENOENT,
+            libc::ENOMEM,
+            libc::ENOSPC,
+            libc::ENOTDIR,
+            libc::EPERM,
+            libc::EROFS,
+        ] {
+            let told = Error::io("x", "write")(io::Error::from_raw_os_error(code)).to_string();
+            assert!(told.contains(&format!("(os error {code}); ")), "{told}");
+        }
+    }
 
     /// A line break or an escape sequence in a file's name, or in the file, reached the terminal.
     #[test]
