@@ -4,7 +4,7 @@ use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs, WorkDirArgs, either};
 use super::output::{JsonArgs, Significant};
 use super::progress::{counted, human, tell_error};
-use super::sink::{check_places, recorded_mesh, scratch_beside};
+use super::sink::{check_places, scratch_beside};
 use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
 use nystrom_stream::base::printable::line;
@@ -170,17 +170,17 @@ fn measured(m: &MeshMeasures) -> String {
 
 pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let path = either(&args.path, &args.work_dir);
-    let folder = Some(path).filter(|path| path.is_dir());
-    let inputs = [args.path.clone(), folder.and_then(recorded_mesh)];
-    check_places(inputs.iter().flatten(), folder, &args.json.json)?;
     if args.header && path.is_dir() {
         return Err(CliError::Usage("--header requires a mesh; a work directory has no header".into()));
     }
-    if args.path.is_some() && !path.is_dir() {
+    if let Some(path) = args.path.as_ref().filter(|path| !path.is_dir()) {
+        check_places([path], None, &args.json.json)?;
         let (text, all) = mesh(path, args, app)?;
         return Ok(args.json.publish_or_print(&all, &text)?);
     }
     let work = WorkDir::open_any(path)?;
+    let mesh = input::recorded_mesh(&work);
+    check_places(&mesh, Some(path), &args.json.json)?;
     let (manifest, inner) = (work.manifest(), work.all_inner()?);
     let faces = faces(&manifest);
     let per_face = |bytes: u64| faces.map_or(String::new(), |n| format!("{:8.2} B/face", bytes as f64 / n));
@@ -190,7 +190,7 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
     } else {
         format!("{name}, format {}, by {}\n", manifest.format, line(&manifest.program))
     };
-    if let Some(mesh) = input::recorded_mesh(&work) {
+    if let Some(mesh) = mesh {
         let _ = writeln!(text, "mesh {}", line(&mesh.to_string_lossy()));
     }
     let mut total = 0;
@@ -221,8 +221,8 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
 pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let bars = args.shown.bars();
     let run = Run { cancel: app.cancel.clone(), ..Run::new(&bars) };
-    check_places(&recorded_mesh(args.place.path()), Some(args.place.path()), &args.json.json)?;
     let work = WorkDir::open_any(args.place.path())?;
+    check_places(&input::recorded_mesh(&work), Some(work.path()), &args.json.json)?;
     let inner = work.all_inner()?;
     let manifests = [work.manifest()].into_iter().chain(inner.values().map(|inner| inner.manifest()));
     let files =
