@@ -26,11 +26,10 @@ pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh
     let Context { work, run } = context;
     if path.as_os_str() == "-" {
         let input = std::io::stdin().as_fd().try_clone_to_owned().map_err(Error::io("<stdin>", "open"))?;
-        return piped(File::from(input), "<stdin>", force, context);
+        return piped(mesh::Pipe(File::from(input)), "<stdin>", force, context);
     }
     if is_pipe(path) {
-        let pipe = File::open(path).map_err(Error::io(path, "open"))?;
-        return piped(pipe, &path.to_string_lossy(), force, context);
+        return piped(mesh::Pipe::open(path)?, &path.to_string_lossy(), force, context);
     }
     let identity = input::identity_in(path, work)?;
     admit(path, &identity, force.force, context)?;
@@ -59,10 +58,10 @@ pub fn check_there(path: &Path) -> Result<(), Error> {
 
 /// The mesh streamed from `source`, standard input or a pipe, which is copied into the work directory. Its identity is
 /// known only then, so it replaces the existing one once it is admitted.
-fn piped(source: File, name: &str, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
+fn piped(source: mesh::Pipe, name: &str, force: ForceArgs, context: Context<'_>) -> Result<(mesh::Mesh, Value), Error> {
     let Context { work, run } = context;
     let (input, spooled) = (work.file(SPOOLED), work.file("input.tmp"));
-    let result = open_noting(run, || mesh::open_reader(mesh::Pipe(source), name, &spooled, run)).and_then(|opened| {
+    let result = open_noting(run, || mesh::open_reader(source, name, &spooled, run)).and_then(|opened| {
         let identity = json!({"stdin": workdir::checksum(&spooled)?});
         admit(Path::new("-"), &identity, force.force, context)?;
         std::fs::rename(&spooled, &input).map_err(Error::io(&input, "rename"))?;

@@ -112,7 +112,8 @@ impl Command {
         let dir = match self {
             Self::Segment(args) if args.work_dir.is_none() => {
                 let rest = "the same command continues with the rest";
-                let some = args.meshes.len() > 1 || args.meshes.iter().any(|mesh| mesh.is_dir() || !mesh.exists());
+                let given = || args.meshes.iter().filter(|mesh| mesh.as_os_str() != "-");
+                let some = given().count() > 1 || given().any(|mesh| mesh.is_dir() || !mesh.exists());
                 return if args.resume { Some(rest.into()) } else { some.then(|| format!("with --resume {rest}")) };
             }
             Self::Segment(args) => args.work_dir.as_ref(),

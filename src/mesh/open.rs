@@ -18,6 +18,7 @@ use flate2::bufread::MultiGzDecoder;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -81,8 +82,7 @@ impl Mesh {
 pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
     if is_pipe(path) {
         // A pipe cannot be mapped.
-        let pipe = File::open(path).map_err(Error::io(path, "open"))?;
-        return open_stream(Pipe(pipe), path, &scratch.join("input"), run);
+        return open_stream(Pipe::open(path)?, path, &scratch.join("input"), run);
     }
     open_bytes(path, MappedBytes::open(path)?, true, scratch, run)
 }
@@ -92,13 +92,29 @@ pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
 #[derive(Debug)]
 pub struct Pipe(pub File);
 
+impl Pipe {
+    /// Opens the pipe or device at `path`. Does not wait for a writer of a named pipe, which no signal would end:
+    /// reading waits for it.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn open(path: &Path) -> Result<Self> {
+        let opened = File::options().read(true).custom_flags(libc::O_NONBLOCK).open(path);
+        opened.map(Self).map_err(Error::io(path, "open"))
+    }
+}
+
 impl Read for Pipe {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         let wait = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
         if poll(&mut [PollFd::new(&self.0, PollFlags::IN)], Some(&wait))? == 0 {
             return Err(ErrorKind::Interrupted.into());
         }
-        self.0.read(buffer)
+        self.0.read(buffer).map_err(|error| match error.kind() {
+            // Another reader was faster.
+            ErrorKind::WouldBlock => ErrorKind::Interrupted.into(),
+            _ => error,
+        })
     }
 }
 

@@ -791,15 +791,18 @@ fn files_that_people_write_are_refused_where_they_are_huge() {
     }
 }
 
-/// Regression: a signal was heeded at the second time only while standard input sent nothing.
+/// Regression: a signal was heeded at the second time only while standard input sent nothing, and while nobody had
+/// opened a named pipe for writing. The message said to continue with `--resume`, which standard input cannot.
 #[cfg(unix)]
 #[test]
 fn an_interrupt_ends_waiting_for_a_pipe() {
     use std::os::unix::process::ExitStatusExt;
     use std::time::{Duration, Instant};
-    let dir = common::in_memory();
-    let out = dir.path().join("x.seg");
-    for words in [&["info", "-"][..], &["segment", "-", "-o", word(&out)]] {
+    let (dir, pipes) = (common::in_memory(), common::in_memory());
+    let (out, pipe) = (dir.path().join("x.seg"), pipes.path().join("p.ply"));
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let (out, pipe) = (word(&out), word(&pipe));
+    for words in [&["info", "-"][..], &["segment", "-", "-o", out], &["info", pipe], &["segment", pipe, "-o", out]] {
         let mut child = program()
             .args(words)
             .args(["--tmp", word(dir.path())])
@@ -819,6 +822,7 @@ fn an_interrupt_ends_waiting_for_a_pipe() {
         let output = child.wait_with_output().unwrap();
         drop(input);
         assert_eq!(output.status.signal(), Some(15), "{words:?}: {}", errors(&output));
+        assert_eq!(errors(&output).trim_end(), "nystrom-stream: interrupted");
         assert_eq!(names(dir.path()), [""; 0]);
     }
 }
