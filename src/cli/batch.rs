@@ -108,9 +108,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     args.json.publish(&report)?;
     report.remarks(&params).iter().for_each(|text| run.progress.note(text));
     let faces = format!("{} face{}", human(report.input.faces as f64), if report.input.faces == 1 { "" } else { "s" });
-    // With `--like`, the reference may leave numbers unused.
-    let parts = report.parts.iter().filter(|part| part.faces > 0).count();
-    run.progress.note_of_work(&closing_line(&faces, parts, start, &job.outputs));
+    run.progress.note_of_work(&closing_line(&faces, report.parts_with_faces(), start, &job.outputs));
     Ok(())
 }
 
@@ -158,7 +156,7 @@ impl Table {
 
     /// The row of a finished mesh.
     fn row_of(&self, mesh: &Path, report: &Report, seconds: f64) -> String {
-        let (faces, parts) = (report.input.faces.to_string(), report.parts.len().to_string());
+        let (faces, parts) = (report.input.faces.to_string(), report.parts_with_faces().to_string());
         self.row(&mesh.display().to_string(), &faces, &parts, &format!("{seconds:.3}"))
     }
 }

@@ -131,8 +131,8 @@ impl Job {
     pub fn line(&self, report: &Report, seconds: f64) -> Value {
         let outputs: Vec<_> = self.outputs.iter().filter_map(Output::path).map(Path::to_string_lossy).collect();
         let mut line = json!({
-            "mesh": self.mesh.to_string_lossy(), "faces": report.input.faces, "parts": report.parts.len(), "gamma_per_face": report.gamma_per_face,
-            "seconds": seconds, "outputs": outputs,
+            "mesh": self.mesh.to_string_lossy(), "faces": report.input.faces, "parts": report.parts_with_faces(),
+            "gamma_per_face": report.gamma_per_face, "seconds": seconds, "outputs": outputs,
         });
         if let Some(clear) = report.clear_parts {
             line["clear_parts"] = clear.into();

@@ -186,6 +186,11 @@ impl Report {
         self.inside().into_iter().chain(self.doubts().filter(|_| found)).collect()
     }
 
+    /// Number of parts that have faces: if parts are transferred, the reference may leave numbers unused.
+    pub fn parts_with_faces(&self) -> usize {
+        self.parts.iter().filter(|part| part.faces > 0).count()
+    }
+
     /// Labels of the parts that most people are expected not to have.
     pub fn unsure(&self) -> impl Iterator<Item = u32> + '_ {
         self.parts.iter().filter(|part| part.unsure == Some(true)).map(|part| part.label)

@@ -668,4 +668,9 @@ fn specks_with_a_label_of_their_own_are_no_part() {
     let label = told["tiny_components_label"].as_u64().unwrap() as usize;
     assert_eq!((label, &told["parts"][label]["faces"]), (4, &json!(24)), "{told}");
     assert_eq!((&told["like"]["missing"], &told["like"]["look"]), (&json!([]), &json!(false)), "{told}");
+    // Regression: the lines and the table of a batch counted numbers that the reference does not use.
+    let (people, out) = (path("people.ply"), path("{}.seg"));
+    let output = run(&[&words[..], &["--like", word(&people), "-o", word(&out), "--json-lines"]].concat());
+    let line: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((told["parts"].as_array().unwrap().len(), &line["parts"]), (5, &json!(4)), "{line}");
 }
