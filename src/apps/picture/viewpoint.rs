@@ -55,16 +55,32 @@ pub(super) struct Piece {
     pub label: u32,
 }
 
+impl Piece {
+    /// A triangle with corners `at`, enlarged by `growth` around its middle.
+    fn of(at: [Vec3; 3], growth: f64, label: u32) -> Self {
+        let middle = [0, 1, 2].map(|k| (at[0][k] + at[1][k] + at[2][k]) / 3.0);
+        let normal = double_area(at);
+        let length = dot(normal, normal).sqrt();
+        Self {
+            at: at.map(|p| [0, 1, 2].map(|k| middle[k] + growth * (p[k] - middle[k]))),
+            middle,
+            normal: if length > 0.0 { normal.map(|x| x / length) } else { [0.0; 3] },
+            area: length / 2.0,
+            label,
+        }
+    }
+}
+
 /// The triangles of some [`SAMPLE`] faces, evenly spread over the file, or of all faces of a smaller mesh. Of polygons
-/// with many corners only every so many triangles are kept.
+/// with many corners only every so many triangles are kept. Empty only if no face has a position.
 pub(super) fn sample(mesh: &Mesh, labels: Option<&[u32]>, run: &Run) -> Result<Vec<Piece>> {
     let n = mesh.faces.len();
     let step = n.div_ceil(SAMPLE).max(1);
-    let mut pieces = Vec::new();
+    let label = |face: usize| labels.map_or(0, |labels| labels[face]);
     let triangles = |corners: usize| corners.saturating_sub(2);
     let mean = triangles(mesh.faces.corner_count() / n.max(1));
     let least = (mean * n.div_ceil(step)).div_ceil(2 * SAMPLE).max(1);
-    let chunk = |k, (): &mut ()| {
+    let spread = |k: usize| {
         let mut found = Vec::new();
         for one in chunk_range(n.div_ceil(step), CHUNK, k) {
             // Jittered, since a fixed stride could be in step with rows of a grid.
@@ -74,31 +90,39 @@ pub(super) fn sample(mesh: &Mesh, labels: Option<&[u32]>, run: &Run) -> Result<V
             let mut number = one;
             triangles_of(mesh, face, |_, at| {
                 number += 1;
-                if number % every != 0 {
-                    return;
+                if number % every == 0 {
+                    found.push(Piece::of(at, growth, label(face)));
                 }
-                let middle = [0, 1, 2].map(|k| (at[0][k] + at[1][k] + at[2][k]) / 3.0);
-                let normal = double_area(at);
-                let length = dot(normal, normal).sqrt();
-                let grown = at.map(|p| [0, 1, 2].map(|k| middle[k] + growth * (p[k] - middle[k])));
-                found.push(Piece {
-                    at: grown,
-                    middle,
-                    normal: if length > 0.0 { normal.map(|x| x / length) } else { [0.0; 3] },
-                    area: length / 2.0,
-                    label: labels.map_or(0, |labels| labels[face]),
-                });
             });
         }
-        Ok(found)
+        found
     };
-    let chunks = chunk_count(n.div_ceil(step), CHUNK);
+    let sampled = collected(chunk_count(n.div_ceil(step), CHUNK), spread, usize::MAX, run)?;
+    if !sampled.is_empty() {
+        return Ok(sampled);
+    }
+    // If hardly any face has a position, the sample may have missed those.
+    let first = |k: usize| {
+        let mut found = Vec::new();
+        each_triangle(mesh, chunk_range(n, CHUNK, k), |face, _, at| {
+            if found.len() < SAMPLE {
+                found.push(Piece::of(at, 1.0, label(face)));
+            }
+        });
+        found
+    };
+    collected(chunk_count(n, CHUNK), first, SAMPLE, run)
+}
+
+/// The first `most` of the pieces of all chunks.
+fn collected(chunks: usize, of: impl Fn(usize) -> Vec<Piece> + Sync, most: usize, run: &Run) -> Result<Vec<Piece>> {
+    let mut pieces: Vec<Piece> = Vec::new();
     run.in_order(
         chunks,
         || (),
-        chunk,
-        |_, mut found| {
-            pieces.append(&mut found);
+        |k, ()| Ok(of(k)),
+        |_, found| {
+            pieces.extend(found.into_iter().take(most - pieces.len()));
             Ok(())
         },
     )?;
@@ -310,5 +334,21 @@ mod tests {
             assert!(ends.iter().all(|x| pieces.iter().any(|piece| (piece.middle[0] - x).abs() < 1.0)));
             assert_eq!(sides == 3, pieces.len() == faces);
         }
+    }
+
+    /// Regression: the sample missed the only face with a position, and the mesh was refused as one without any.
+    #[test]
+    fn a_face_with_a_position_among_very_many_without_is_found() {
+        let mut corners = vec![[f64::NAN; 3]; 9 * SAMPLE];
+        corners[21..24].copy_from_slice(&[[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]]);
+        let faces: Vec<[u32; 3]> = (0..3 * SAMPLE as u32).map(|face| [0, 1, 2].map(|k| 3 * face + k)).collect();
+        let mesh = Mesh::from_slices(&corners, &faces).unwrap();
+        let labels: Vec<u32> = (0..faces.len() as u32).collect();
+        let labels_of = |mesh: &Mesh| -> Vec<u32> {
+            sample(mesh, Some(&labels), &Run::new(&())).unwrap().iter().map(|piece| piece.label).collect()
+        };
+        assert_eq!(labels_of(&mesh), [7]);
+        corners.fill([f64::NAN; 3]);
+        assert_eq!(labels_of(&Mesh::from_slices(&corners, &faces).unwrap()), [0; 0]);
     }
 }
