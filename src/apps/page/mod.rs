@@ -159,7 +159,7 @@ impl Page<'_> {
         // The mesh as used by the program, so that places and box mean the same on the page.
         let shown = &Page { mesh: &self.mesh.without_strays(run)?, ..*self };
         let axes = picture::best_view(shown.mesh, Some(self.labels), self.colours.len(), run)?;
-        let bytes = decimate::BYTES * TRIANGLES as u64;
+        let bytes = decimate::BYTES * shown.mesh.faces.triangle_count().min(TRIANGLES as u64);
         let _grant = run.budget.take("the page's mesh", bytes / 4, bytes)?;
         let decimated = Decimated::of(shown.mesh, TRIANGLES, run)?;
         // No text in the data can close the script element or start a comment there.
@@ -254,5 +254,29 @@ impl Page<'_> {
             })
         };
         numbers.filter(|&face| (face as usize) < self.mesh.faces.len()).map(centre).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Budget;
+
+    /// Regression: a page of a few faces asked for as much memory as one of 120,000.
+    #[test]
+    fn a_small_mesh_needs_little_memory() {
+        let mesh = Mesh::from_slices(&[[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]], &[[0u32, 1, 2]]).unwrap();
+        let page = Page {
+            title: "",
+            mesh: &mesh,
+            labels: &[0],
+            colours: &[[0; 3]],
+            names: &[],
+            cuts: None,
+            edits: None,
+            report: &json!({}),
+        };
+        let run = Run { budget: Budget::new(decimate::BYTES), ..Run::new(&()) };
+        assert!(page.html(&run).unwrap().contains("\"faces\":1"));
     }
 }
