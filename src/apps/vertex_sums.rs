@@ -1,13 +1,13 @@
 //! Vertex normals: those of the surrounding faces, summed with their angles as weights.
 //!
-//! In integers, so that threads may add in any order and the sum is always the same. 12 bytes per vertex, and some 30
-//! ns per face.
+//! In integers, so that threads may add in any order and the sum is always the same. 12 bytes per vertex, in a file
+//! where memory is short, and some 30 ns per face.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{dot, double_area, length, minus, unit};
 use crate::mesh::Mesh;
-use crate::store::Run;
+use crate::store::{Context, Run, ScratchArray};
 use std::ops::Range;
 use std::sync::atomic::{AtomicI32, Ordering::Relaxed};
 
@@ -51,8 +51,18 @@ pub(super) fn each_corner(mesh: &Mesh, faces: Range<usize>, mut visit: impl FnMu
     });
 }
 
+/// What a corner adds to the sum of its vertex.
+fn addend(normal: [f64; 3], angle: f64) -> [i32; 3] {
+    normal.map(|x| (x * angle * STEPS) as i32)
+}
+
 /// One normal per vertex, not normalised.
-pub(super) struct VertexSums(Vec<[AtomicI32; 3]>);
+pub(super) struct VertexSums(Sums);
+
+enum Sums {
+    Memory(Vec<[AtomicI32; 3]>),
+    Scratch(ScratchArray<[i32; 3]>),
+}
 
 impl VertexSums {
     /// Bytes for the sums of `mesh`.
@@ -67,26 +77,45 @@ impl VertexSums {
         let chunk = |k, (): &mut ()| {
             each_corner(mesh, chunk_range(n, CHUNK, k), |corner, normal, angle| {
                 let Some(sum) = sums.get(corner as usize) else { return };
-                for axis in 0..3 {
-                    sum[axis].fetch_add((normal[axis] * angle * STEPS) as i32, Relaxed);
-                }
+                sum.iter().zip(addend(normal, angle)).for_each(|(sum, x)| _ = sum.fetch_add(x, Relaxed));
             });
             Ok(())
         };
         run.map_chunks(chunk_count(n, CHUNK), || (), chunk)?;
-        Ok(Self(sums))
+        Ok(Self(Sums::Memory(sums)))
+    }
+
+    /// The same sums in a file of the work directory, on one thread.
+    pub fn in_file(mesh: &Mesh, context: Context<'_>) -> Result<Self> {
+        let n = mesh.faces.len();
+        let mut sums = ScratchArray::<[i32; 3]>::new("normals.tmp", mesh.positions.len(), context)?;
+        for k in 0..chunk_count(n, CHUNK) {
+            context.run.cancel.check()?;
+            each_corner(mesh, chunk_range(n, CHUNK, k), |corner, normal, angle| {
+                let Some(sum) = sums.get_mut(corner as usize) else { return };
+                // As atomic numbers do.
+                sum.iter_mut().zip(addend(normal, angle)).for_each(|(sum, x)| *sum = sum.wrapping_add(x));
+            });
+        }
+        Ok(Self(Sums::Scratch(sums)))
     }
 
     /// Number of vertices.
     #[cfg(feature = "pictures")]
     pub fn len(&self) -> usize {
-        self.0.len()
+        match &self.0 {
+            Sums::Memory(sums) => sums.len(),
+            Sums::Scratch(sums) => sums.len(),
+        }
     }
 
     /// The unit normal of `vertex`; of length 0 if its faces have none, or cancel out.
     pub fn normal(&self, vertex: u32) -> Option<[f64; 3]> {
-        let sum = self.0.get(vertex as usize)?;
-        Some(unit([0, 1, 2].map(|k| f64::from(sum[k].load(Relaxed)))))
+        let sum = match &self.0 {
+            Sums::Memory(sums) => sums.get(vertex as usize)?.each_ref().map(|sum| sum.load(Relaxed)),
+            Sums::Scratch(sums) => *sums.get(vertex as usize)?,
+        };
+        Some(unit(sum.map(f64::from)))
     }
 
     /// The share of the area whose faces are steep to the normal of a corner, 0 to 1: small for a scan, large for a

@@ -6,7 +6,8 @@
 //! without them, as for a box, programs draw faces flat. Polygons become triangles, in file order. Faces with a
 //! non-finite coordinate are omitted, since the format does not allow them. Double coordinates are written relative to
 //! their centre, which the node's translation adds again. Cost: one pass over the vertices and one per part over the
-//! labels; [`PER_PART`] bytes per part, from the budget.
+//! labels; [`PER_PART`] bytes per part, from the budget, and 12 bytes per vertex for normals, in a file where memory is
+//! short.
 
 use super::{CHUNK, parts};
 use crate::apps::vertex_sums::VertexSums;
@@ -15,7 +16,7 @@ use crate::base::{Error, Result};
 use crate::graph::Frame;
 use crate::mesh::output::{Gather, publish};
 use crate::mesh::{Labelling, Mesh};
-use crate::store::Run;
+use crate::store::{Context, Run, WorkDir};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -58,6 +59,8 @@ const VERTICES: usize = 1 << 14;
 /// [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let work = WorkDir::in_memory(folder, &run.budget);
     let mut scene = Scene::of(mesh, labelling, parts, run)?;
     if scene.is_tiny {
         let problem = "would have only zero coordinates: the mesh is too small for 32-bit floats";
@@ -68,8 +71,9 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     let grant = run.budget.take("normals of the scene", bytes, bytes);
     // The size must also fit with normals.
     let fits = 24 * vertices + 12 * scene.triangles.iter().sum::<u64>() + (1 << 20) * (1 + parts as u64) < MOST;
-    if fits && grant.is_ok() {
-        let sums = VertexSums::of(mesh, run)?;
+    if fits {
+        let in_file = || VertexSums::in_file(mesh, Context::new(&work, run));
+        let sums = if grant.is_ok() { VertexSums::of(mesh, run)? } else { in_file()? };
         scene.normals = (sums.creased(mesh, run)? < FLAT).then_some(sums);
     }
     let bytes = PER_PART * scene.triangles.iter().filter(|count| **count > 0).count() as u64;
@@ -318,5 +322,31 @@ impl<'a> Scene<'a> {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Budget;
+
+    /// Regression: a scene had no normals where memory was short.
+    #[test]
+    fn a_scene_has_normals_whatever_the_memory() {
+        const WIDTH: u32 = 30;
+        let points: Vec<[f32; 3]> = (0..WIDTH * WIDTH).map(|v| [(v % WIDTH) as f32, (v / WIDTH) as f32, 0.]).collect();
+        let corners = (0..WIDTH * (WIDTH - 1)).filter(|v| v % WIDTH + 1 < WIDTH);
+        let quads: Vec<[u32; 4]> = corners.map(|v| [v, v + 1, v + WIDTH + 1, v + WIDTH]).collect();
+        let mesh = Mesh::from_slices(&points, &quads).unwrap();
+        let labelling = Labelling { labels: &vec![0; quads.len()], colours: &[[7; 3]], quality: None, names: &[] };
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.glb");
+        let written = |budget: u64| {
+            write(&path, &mesh, &labelling, &Run { budget: Budget::new(budget), ..Run::new(&()) }).unwrap();
+            std::fs::read(&path).unwrap()
+        };
+        let bytes = written(1 << 30);
+        assert!(bytes.len() > 24 * points.len() && written(2 * PER_PART) == bytes);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 }

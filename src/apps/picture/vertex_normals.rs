@@ -2,8 +2,8 @@
 //!
 //! If a face is steeper to the [mean normal](crate::apps::vertex_sums) of its vertex than [`SMOOTH`], the surface has a
 //! crease at the vertex; each corner there gets the sum of only those faces that are within [`SAME`] of its own. So a
-//! box has flat sides and sharp edges, and a cylinder a smooth side and a sharp rim. 12 bytes per vertex, and 16 per
-//! corner at creases, as far as the budget allows: beyond that, corners at creases are flat.
+//! box has flat sides and sharp edges, and a cylinder a smooth side and a sharp rim. 12 bytes per vertex; 12 per corner
+//! at creases and 4 per vertex there, in a file of the system's temporary folder where memory is short.
 
 use super::camera::Vec3;
 use crate::apps::vertex_sums::{CHUNK, SMOOTH, VertexSums, each_corner};
@@ -11,8 +11,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{add_scaled, dot, unit};
 use crate::mesh::Mesh;
-use crate::store::Run;
-use crate::store::budget::Grant;
+use crate::store::{Context, Run, ScratchArray, WorkDir};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Minimum cosine (60°) for two faces at a crease to be on the same side.
@@ -22,93 +21,45 @@ const SAME: f64 = 0.5;
 /// the tip of a cone with a million.
 const MOST: usize = 1 << 10;
 
+/// Faces whose corners at creases are collected at a time.
+const COLLECTED: usize = 1 << 11;
+
 /// Normals of vertices.
 pub(super) struct VertexNormals {
     sums: VertexSums,
-    creases: Creases,
+    /// None if no vertex has a crease.
+    creases: Option<Creases>,
 }
 
 /// The corners at vertices where the surface has a crease.
-#[derive(Default)]
 struct Creases {
+    ranks: Ranks,
+    /// First corner of each vertex with a crease, followed by the end.
+    starts: ScratchArray<u32>,
+    /// Normals of the corners' faces, scaled by their angles.
+    corners: ScratchArray<[f32; 3]>,
+    _work: WorkDir,
+}
+
+/// The vertices with a crease.
+struct Ranks {
     /// One bit per vertex, and the number of set bits before each word.
     bits: Vec<u64>,
     before: Vec<u32>,
-    /// First corner of each vertex with a crease, followed by the end.
-    starts: Vec<u32>,
-    /// Normals of the corners' faces, scaled by their angles.
-    corners: Vec<[f32; 3]>,
-    _grant: Option<Grant>,
 }
 
 impl VertexNormals {
     /// Sums the normals of all faces, and finds the creases.
     pub(super) fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
-        let mut all = Self { sums: VertexSums::of(mesh, run)?, creases: Creases::default() };
-        all.creases = all.creases(mesh, run)?;
-        Ok(all)
-    }
-
-    fn creases(&self, mesh: &Mesh, run: &Run) -> Result<Creases> {
-        let n = mesh.faces.len();
-        let marks: Vec<AtomicU64> = (0..self.sums.len().div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
-        let mark = |k, (): &mut ()| {
-            each_corner(mesh, chunk_range(n, CHUNK, k), |vertex, normal, _| {
-                if self.sums.normal(vertex).is_some_and(|smooth| normal != [0.0; 3] && dot(smooth, normal) < SMOOTH) {
-                    marks[vertex as usize / 64].fetch_or(1 << (vertex % 64), Relaxed);
-                }
-            });
-            Ok(())
-        };
-        run.map_chunks(chunk_count(n, CHUNK), || (), mark)?;
-        let bits: Vec<u64> = marks.into_iter().map(AtomicU64::into_inner).collect();
-        let (mut before, mut creased) = (Vec::with_capacity(bits.len()), 0u32);
-        for word in &bits {
-            before.push(creased);
-            creased += word.count_ones();
-        }
-        if creased == 0 {
-            return Ok(Creases::default());
-        }
-        let mut all = Creases { bits, before, ..Creases::default() };
-        let count = |k, (): &mut ()| {
-            let mut mine = 0u64;
-            each_corner(mesh, chunk_range(n, CHUNK, k), |vertex, _, _| mine += u64::from(all.rank(vertex).is_some()));
-            Ok(mine)
-        };
-        let corners: u64 = run.map_chunks(chunk_count(n, CHUNK), || (), count)?.into_iter().sum();
-        // They are collected in order, then grouped: both copies exist at the same time.
-        let bytes = 28 * corners + 4 * u64::from(creased);
-        let Ok(grant) = run.budget.take("creases of the picture", bytes, bytes) else { return Ok(Creases::default()) };
-        let found = |k, (): &mut ()| {
-            let mut mine = Vec::new();
-            each_corner(mesh, chunk_range(n, CHUNK, k), |vertex, normal, angle| {
-                if let Some(rank) = all.rank(vertex) {
-                    mine.push((rank, normal.map(|x| (x * angle) as f32)));
-                }
-            });
-            Ok(mine)
-        };
-        let found: Vec<Vec<(u32, [f32; 3])>> = run.map_chunks(chunk_count(n, CHUNK), || (), found)?;
-        let mut starts = vec![0u32; creased as usize + 1];
-        found.iter().flatten().for_each(|(rank, _)| starts[*rank as usize + 1] += 1);
-        for k in 0..creased as usize {
-            starts[k + 1] += starts[k];
-        }
-        let (mut next, mut normals) = (starts.clone(), vec![[0.0; 3]; corners as usize]);
-        for (rank, normal) in found.into_iter().flatten() {
-            let slot = &mut next[rank as usize];
-            normals[*slot as usize] = normal;
-            *slot += 1;
-        }
-        (all.starts, all.corners, all._grant) = (starts, normals, Some(grant));
-        Ok(all)
+        let sums = VertexSums::of(mesh, run)?;
+        let creases = Creases::of(mesh, &sums, run)?;
+        Ok(Self { sums, creases })
     }
 
     /// The normal at a corner of a face whose own unit normal is `face`.
     pub(super) fn at(&self, corner: u32, face: Vec3) -> Vec3 {
         let Some(smooth) = self.sums.normal(corner) else { return face };
-        match self.creases.of(corner) {
+        match self.creases.as_ref().and_then(|creases| creases.at(corner)) {
             None if dot(smooth, face) < SMOOTH => face,
             None => smooth,
             Some(corners) if corners.len() > MOST => face,
@@ -130,17 +81,78 @@ impl VertexNormals {
 }
 
 impl Creases {
-    /// The index of `vertex` among those with a crease.
-    fn rank(&self, vertex: u32) -> Option<u32> {
-        let word = self.bits.get(vertex as usize / 64)?;
-        let bit = vertex % 64;
-        (word >> bit & 1 == 1).then(|| self.before[vertex as usize / 64] + (word & ((1 << bit) - 1)).count_ones())
+    /// Those of `mesh`, whose normals have these `sums`.
+    fn of(mesh: &Mesh, sums: &VertexSums, run: &Run) -> Result<Option<Self>> {
+        let n = mesh.faces.len();
+        let marks: Vec<AtomicU64> = (0..sums.len().div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        let mark = |k, (): &mut ()| {
+            each_corner(mesh, chunk_range(n, CHUNK, k), |vertex, normal, _| {
+                if sums.normal(vertex).is_some_and(|smooth| normal != [0.0; 3] && dot(smooth, normal) < SMOOTH) {
+                    marks[vertex as usize / 64].fetch_or(1 << (vertex % 64), Relaxed);
+                }
+            });
+            Ok(())
+        };
+        run.map_chunks(chunk_count(n, CHUNK), || (), mark)?;
+        let bits: Vec<u64> = marks.into_iter().map(AtomicU64::into_inner).collect();
+        let (mut before, mut creased) = (Vec::with_capacity(bits.len()), 0u32);
+        for word in &bits {
+            before.push(creased);
+            creased += word.count_ones();
+        }
+        if creased == 0 {
+            return Ok(None);
+        }
+        let ranks = Ranks { bits, before };
+        let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
+        let context = Context::new(&work, run);
+        let each = |take: &mut dyn FnMut(u32, [f32; 3])| {
+            let find = |k, (): &mut ()| {
+                let mut found = Vec::new();
+                each_corner(mesh, chunk_range(n, COLLECTED, k), |vertex, normal, angle| {
+                    found.extend(ranks.of(vertex).map(|rank| (rank, normal.map(|x| (x * angle) as f32))));
+                });
+                Ok(found)
+            };
+            run.in_order(
+                chunk_count(n, COLLECTED),
+                || (),
+                find,
+                |_, found| {
+                    found.into_iter().for_each(|(rank, normal)| take(rank, normal));
+                    Ok(())
+                },
+            )
+        };
+        // One place ahead: each start moves to the next one's place while its corners are filled in.
+        let mut starts = ScratchArray::<u32>::new("crease_starts.tmp", creased as usize + 2, context)?;
+        each(&mut |rank, _| starts[rank as usize + 2] += 1)?;
+        for k in 1..starts.len() {
+            starts[k] += starts[k - 1];
+        }
+        let all = starts[starts.len() - 1] as usize;
+        let mut corners = ScratchArray::<[f32; 3]>::new("crease_corners.tmp", all, context)?;
+        each(&mut |rank, normal| {
+            let next = &mut starts[rank as usize + 1];
+            corners[*next as usize] = normal;
+            *next += 1;
+        })?;
+        Ok(Some(Self { ranks, starts, corners, _work: work }))
     }
 
     /// The corners at `vertex`, if it has a crease.
-    fn of(&self, vertex: u32) -> Option<&[[f32; 3]]> {
-        let rank = self.rank(vertex)? as usize;
+    fn at(&self, vertex: u32) -> Option<&[[f32; 3]]> {
+        let rank = self.ranks.of(vertex)? as usize;
         self.corners.get(*self.starts.get(rank)? as usize..*self.starts.get(rank + 1)? as usize)
+    }
+}
+
+impl Ranks {
+    /// The index of `vertex` among those with a crease.
+    fn of(&self, vertex: u32) -> Option<u32> {
+        let word = self.bits.get(vertex as usize / 64)?;
+        let bit = vertex % 64;
+        (word >> bit & 1 == 1).then(|| self.before[vertex as usize / 64] + (word & ((1 << bit) - 1)).count_ones())
     }
 }
 
@@ -149,6 +161,7 @@ mod tests {
     use super::super::raster::each_triangle;
     use super::*;
     use crate::base::vector::double_area;
+    use crate::store::Budget;
 
     /// A closed prism with `sides` sides and two lids.
     fn prism(sides: usize) -> Mesh {
@@ -185,5 +198,21 @@ mod tests {
             let expected = if own[2].abs() > 0.5 { own } else { outwards };
             assert!(dot(expected, normal) > 0.999, "{at:?} {own:?} {normal:?}");
         });
+    }
+
+    /// Regression: corners at creases were flat where memory was short.
+    #[test]
+    fn normals_are_the_same_whatever_the_memory() {
+        let mesh = prism(24);
+        let all = |budget: u64, threads: usize| {
+            let run = Run { budget: Budget::new(budget), threads, ..Run::new(&()) };
+            let normals = VertexNormals::of(&mesh, &run).unwrap();
+            let mut all = Vec::new();
+            each_triangle(&mesh, 0..mesh.faces.len(), |_, corners, at| {
+                all.extend(corners.map(|corner| normals.at(corner, unit(double_area(at)))));
+            });
+            all
+        };
+        assert_eq!(all(0, 1), all(1 << 30, 3));
     }
 }
