@@ -197,13 +197,20 @@ impl WorkDir {
         self.look_up(stage, version, key).and_then(facts).map_err(|reason| self.forget(stage, reason))
     }
 
-    /// Removes `stage` from the manifest and returns `reason`, or the reason why that failed.
+    /// Removes `stage` from the manifest and returns `reason`, or the reason why that failed. If another version of the
+    /// program made the stage, its files are removed too: files that have other names now would never be overwritten.
     fn forget(&self, stage: &str, reason: RebuildReason) -> RebuildReason {
         let mut manifest = self.manifest_lock();
-        if self.shared || manifest.stages.remove(stage).is_none() {
-            return reason;
+        let record = if self.shared { None } else { manifest.stages.remove(stage) };
+        let Some(record) = record else { return reason };
+        if let Err(error) = self.save(&mut manifest) {
+            return RebuildReason::Damaged(error.to_string());
         }
-        self.save(&mut manifest).map_or_else(|error| RebuildReason::Damaged(error.to_string()), |()| reason)
+        if matches!(reason, RebuildReason::OtherVersion { .. }) {
+            let is_listed = |file: &&String| manifest.stages.values().any(|other| other.files.contains_key(*file));
+            record.files.keys().filter(|file| !is_listed(file)).for_each(|file| self.remove(file));
+        }
+        reason
     }
 
     /// Removes the stage `name` from the manifest, since its files are about to be rewritten; returns its record.
@@ -394,5 +401,34 @@ impl WorkDir {
         let text = serde_json::to_vec_pretty(manifest)
             .map_err(|error| Error::internal(&format!("the manifest cannot be represented as JSON: {error}")))?;
         json::publish(&path, &text)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::npy;
+    use serde_json::json;
+
+    /// Regression: files that another version of the program had named otherwise stayed in the work directory.
+    #[test]
+    fn files_of_another_version_are_removed() {
+        let dir = tempfile::tempdir().unwrap();
+        let work = WorkDir::open(&dir.path().join("w")).unwrap();
+        let record =
+            |name, files: &[&str]| work.record_stage(StageKey::new(name, 1, json!({})), files, &7, 0.).unwrap();
+        for name in ["old.npy", "shared.npy"] {
+            npy::write(&work.file(name), &[1u32, 2], 1, true).unwrap();
+        }
+        record("s", &["old.npy", "shared.npy"]);
+        record("t", &["shared.npy"]);
+        let exists = || ["old.npy", "shared.npy"].map(|name| work.file(name).exists());
+        // Other inputs keep the names, so the files are overwritten.
+        let inputs = work.reuse::<u32>("s", 1, "another key").unwrap_err();
+        assert!(matches!(inputs, RebuildReason::OtherInputs) && exists() == [true; 2]);
+        record("s", &["old.npy", "shared.npy"]);
+        let version = work.reuse::<u32>("s", 2, "another key").unwrap_err();
+        assert!(matches!(version, RebuildReason::OtherVersion { found: 1, now: 2 }));
+        assert_eq!(exists(), [false, true]);
     }
 }
