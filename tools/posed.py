@@ -66,7 +66,7 @@ def main():
             errors = json.loads((folder / "e.json").read_text())["errors"]
             report = json.loads((folder / "r.json").read_text())
         means.append(errors["mean"])
-        share = errors["judged"] / (errors["judged"] + errors["unmatched"])
+        share = errors["evaluated"] / (errors["evaluated"] + errors["unmatched"])
         print(f"| {first.stem} – {other.stem} | {errors['mean']:.4f} | {errors['median']:.4f} | {share:.0%} "
               f"| {report['alignments'][0]['orientation']:.2f} | {'yes' if report['ambiguous'] else 'no'} |", flush=True)
     print(f"| mean of {len(means)} | {np.mean(means):.4f} | | | | |")

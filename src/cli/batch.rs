@@ -336,12 +336,12 @@ impl Batch<'_> {
         if let Some(error) = tally.stop {
             return Err(error.into());
         }
-        let doubtful = |(&job, report): (&usize, &Report)| {
-            (report.like.as_ref()?["look"] == true).then(|| self.jobs[job].mesh.display().to_string())
+        let needs_check = |(&job, report): (&usize, &Report)| {
+            (report.like.as_ref()?["needs_check"] == true).then(|| self.jobs[job].mesh.display().to_string())
         };
-        let look: Vec<String> = tally.reports.iter().filter_map(doubtful).collect();
-        if shows_lines && !look.is_empty() {
-            tell(&format!("check {} of {}: {}", look.len(), tally.reports.len(), look.join(", ")));
+        let doubtful: Vec<String> = tally.reports.iter().filter_map(needs_check).collect();
+        if shows_lines && !doubtful.is_empty() {
+            tell(&format!("check {} of {}: {}", doubtful.len(), tally.reports.len(), doubtful.join(", ")));
         }
         self.task.args.json.publish(&tally.reports.values().collect::<Vec<_>>())?;
         let (all, failed) = (self.jobs.len(), tally.failed.len());

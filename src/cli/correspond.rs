@@ -320,7 +320,8 @@ impl Carried {
 /// Whether the boundary of one mesh is longer than the other's by more than half the square root of its area, estimated
 /// from its vertices.
 fn one_is_open(result: &Correspondence) -> bool {
-    let [a, b] = result.sides.each_ref().map(|side| side.graph.open as f64 / (side.graph.vertices as f64).sqrt());
+    let [a, b] =
+        result.sides.each_ref().map(|side| side.graph.boundary_vertices as f64 / (side.graph.vertices as f64).sqrt());
     (a - b).abs() > 0.5
 }
 

@@ -198,7 +198,7 @@ fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: 
     let mut text = format!(
         "{} vertices scored, {} without a match\nerror / √area: mean {:.4}, median {:.4}, 90 % below {:.4}, greatest \
          {:.4}\n",
-        errors.judged, errors.unmatched, errors.mean, errors.median, errors.ninth_decile, errors.most
+        errors.evaluated, errors.unmatched, errors.mean, errors.median, errors.ninth_decile, errors.maximum
     );
     for (i, share) in errors.curve.iter().enumerate().filter(|(i, _)| [0, 2, 5, 10, 20, 30, 40, 50].contains(i)) {
         text += &format!("{:5.1} % within {:.3}\n", 100. * share, Errors::END * i as f64 / 50.);

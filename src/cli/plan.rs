@@ -122,8 +122,8 @@ fn table(plan: &Plan) -> String {
     let size = plan.mesh;
     let (faces, vertices) = (human(size.faces as f64), human(size.vertices as f64));
     let row = |cells: [&str; 6]| {
-        let [stage, memory, keeps, passing, frees, time] = cells;
-        format!("{stage:16} {memory:>10} {keeps:>10} {passing:>10} {frees:>10} {time:>9}\n")
+        let [stage, memory, keeps, temporary, frees, time] = cells;
+        format!("{stage:16} {memory:>10} {keeps:>10} {temporary:>10} {frees:>10} {time:>9}\n")
     };
     let bytes = |x: u64| format!("{}B", human(x as f64));
     let seconds = |x: Option<f64>| x.map_or(String::new(), |x| format!("{x:.1}"));
@@ -131,9 +131,9 @@ fn table(plan: &Plan) -> String {
     let mut text = format!("{most}{faces} faces, {vertices} vertices, {} landmarks\n", plan.landmarks);
     text += &row(["stage", "memory", "disk kept", "temporary", "freed", "seconds"]);
     for stage in &plan.stages {
-        let [memory, keeps, passing, frees] =
-            [stage.needs.memory, stage.needs.keeps, stage.needs.passing, stage.needs.frees].map(bytes);
-        text += &row([words(stage.name), &memory, &keeps, &passing, &frees, &seconds(stage.seconds)]);
+        let [memory, keeps, temporary, frees] =
+            [stage.needs.memory, stage.needs.keeps, stage.needs.temporary, stage.needs.frees].map(bytes);
+        text += &row([words(stage.name), &memory, &keeps, &temporary, &frees, &seconds(stage.seconds)]);
     }
     let (memory, disk, peak) = (bytes(plan.memory), bytes(plan.disk), bytes(plan.disk_peak));
     text += &row(["overall", &memory, &disk, "", "", &seconds(plan.seconds)]);

@@ -222,7 +222,7 @@ fn tell_errors(errors: &[Vec<EmbeddingError>], args: &QualityArgs) -> Result<()>
             shown(spread(|e| e.plain)),
             shown(spread(|e| e.orthogonal)),
             shown(spread(|e| e.by_area)),
-            100. * spread(|e| e.negative).mean
+            100. * spread(|e| e.negative_share).mean
         );
     }
     args.json.publish_or_print(&json!(errors), &text)

@@ -12,7 +12,7 @@ use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::measure;
 use nystrom_stream::base::{Progress, Result};
 use nystrom_stream::pipeline::edits::Corrections;
-use nystrom_stream::pipeline::like::{self, LikeFacts, Way};
+use nystrom_stream::pipeline::like::{self, LikeFacts, TransferMethod};
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{SegmentParams, labels, segment_corrected};
 use nystrom_stream::store::json::value as to_json;
@@ -163,7 +163,7 @@ const SHOWN_PARTS: usize = 10;
 
 /// Why a person should check parts that were transferred.
 fn doubts(facts: &LikeFacts) -> String {
-    let way = if facts.way == Way::Place { "nearest faces" } else { "matched shapes" };
+    let way = if facts.method == TransferMethod::Position { "nearest faces" } else { "matched shapes" };
     let mut text = format!("parts from {way}, confidence {:.2}", facts.confidence);
     if facts.ambiguous {
         text += ", parts may be mirrored";
@@ -204,7 +204,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
         labels::keep(&result, Context::new(&work, run))?;
     }
     let likeness = transferred.as_ref().map(|transferred| &transferred.facts);
-    if let Some(facts) = likeness.filter(|facts| facts.look) {
+    if let Some(facts) = likeness.filter(|facts| facts.needs_check) {
         run.progress.note(&format!("check {}: {}", path.display(), doubts(facts)));
     }
     let report = || {

@@ -41,7 +41,7 @@ const FIELD: &str = "contracted_field.tmp";
 const SEEDS: &str = "contraction_seeds.npy";
 const AREAS: &str = "contraction_areas.npy";
 const NODE_GEOMETRY: &str = "node_geometry.npy";
-const EDGES: [&str; 3] = ["graph_indices.npy", "graph_centroid_distances.npy", "graph_edges.npy"];
+const EDGES: [&str; 3] = ["graph_indices.npy", "graph_centroid_distances.npy", "graph_shared_edge_lengths.npy"];
 const WEIGHTS: &str = "graph_weights.npy";
 
 /// The contracted surface.
@@ -73,7 +73,7 @@ pub struct Contraction<'a> {
 
 impl Stage for Contraction<'_> {
     const NAME: &'static str = "contraction";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type Facts = GraphFacts;
     type Output = ContractedSurface;
 
@@ -105,11 +105,11 @@ impl Stage for Contraction<'_> {
     /// The map to contracted nodes, and the field of the front.
     fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs {
         let n = extent.faces;
-        let (map, passing) = (estimate.reserve_array(2 * n), estimate.reserve_array(8 * n));
-        estimate.release(passing);
+        let (map, temporary) = (estimate.reserve_array(2 * n), estimate.reserve_array(8 * n));
+        estimate.release(temporary);
         // Boundaries of contracted nodes and messages: measured for a million faces.
-        let memory = (15 << 20) + estimate.used() + passing;
-        Needs { memory, keeps: 2 * n - map, passing: 8 * n - passing, ..Needs::default() }.moving(170 * n, 27 * n)
+        let memory = (15 << 20) + estimate.used() + temporary;
+        Needs { memory, keeps: 2 * n - map, temporary: 8 * n - temporary, ..Needs::default() }.moving(170 * n, 27 * n)
     }
 }
 

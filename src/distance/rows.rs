@@ -146,7 +146,7 @@ impl Stage for RowsStage<'_> {
         let field = if extent.keeps_rows && rows == 0 && !extent.lasting && l > 1 { 4 * n } else { field };
         // Weights are deleted once rows are computed from them.
         let frees = if extent.releases { 4 * extent.corners - estimate.release_named(WEIGHTS) } else { 0 };
-        Needs { memory, keeps, passing: 4 * n - field + scratch, frees, ..Needs::default() }
+        Needs { memory, keeps, temporary: 4 * n - field + scratch, frees, ..Needs::default() }
             .moving(35 * l * n, 11 * l * n)
     }
 }

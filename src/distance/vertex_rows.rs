@@ -140,7 +140,7 @@ impl Stage for VertexRowsStage<'_> {
     }
 
     fn needs(extent: &Extent, _: &mut BudgetEstimate) -> Needs {
-        Needs { keeps: 4 * extent.landmarks * extent.vertices, passing: 4 * extent.vertices, ..Needs::default() }
+        Needs { keeps: 4 * extent.landmarks * extent.vertices, temporary: 4 * extent.vertices, ..Needs::default() }
     }
 }
 

@@ -47,13 +47,12 @@ pub struct GraphFacts {
     pub welded_edges: u64,
     /// Faces without area or with a non-finite coordinate.
     pub degenerate_faces: u64,
-    /// Those among them with a non-finite coordinate; 0 in graphs made before this was counted.
-    #[serde(default)]
-    pub unplaced_faces: u64,
+    /// Those among them with a non-finite coordinate.
+    pub nonfinite_faces: u64,
     /// Vertices far outside the rest, which were moved to the mean of their neighbours.
     pub stray_vertices: u64,
     /// Faces whose normals were flipped, because their winding contradicts their component's or points inwards.
-    pub turned_faces: u64,
+    pub flipped_faces: u64,
     /// Edges whose faces cannot be oriented consistently (Möbius strips, some non-manifold edges).
     pub unoriented_edges: u64,
     /// Connected components, before bridging.
@@ -69,10 +68,10 @@ pub struct GraphFacts {
 impl GraphFacts {
     /// The note about faces without a position in the file `path`, if there are any.
     pub fn note(&self, path: &Path) -> Option<String> {
-        let verb = if self.unplaced_faces == 1 { "face has a corner" } else { "faces have corners" };
+        let verb = if self.nonfinite_faces == 1 { "face has a corner" } else { "faces have corners" };
         let why = "whose coordinates are not finite numbers: treated as having no area, and labelled like the faces \
                    around";
-        (self.unplaced_faces > 0).then(|| format!("{}: {} {verb} {why}", path.display(), self.unplaced_faces))
+        (self.nonfinite_faces > 0).then(|| format!("{}: {} {verb} {why}", path.display(), self.nonfinite_faces))
     }
 }
 
@@ -208,9 +207,9 @@ impl DualGraph {
             nonmanifold_edges: counts.nonmanifold,
             welded_edges: counts.welded,
             degenerate_faces: sums.degenerate,
-            unplaced_faces: sums.unplaced,
+            nonfinite_faces: sums.nonfinite,
             stray_vertices: mesh.strays() as u64,
-            turned_faces: orientation.flipped,
+            flipped_faces: orientation.flipped,
             unoriented_edges: orientation.unsatisfied / 2,
             components: components.count() as u64,
             bridges: bridges.map_or(0, |bridges| bridges.items().len() as u64),
@@ -293,7 +292,7 @@ pub(crate) struct GraphStage<'a> {
 
 impl Stage for GraphStage<'_> {
     const NAME: &'static str = "graph";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type Facts = GraphFacts;
     type Output = DualGraph;
 
@@ -368,7 +367,7 @@ impl Stage for GraphStage<'_> {
         Needs {
             memory: nodes + (marks + matching + half_edges.held + pairs).max(pairs + edges).max(edges + roots),
             keeps,
-            passing: (geometry - nodes + 2 * vertices - marks).saturating_sub(keeps).max(4 * n - roots),
+            temporary: (geometry - nodes + 2 * vertices - marks).saturating_sub(keeps).max(4 * n - roots),
             frees: if extent.reordered && !extent.lasting && !computed { 12 * vertices + 4 * corners } else { 0 },
             ..Needs::default()
         }

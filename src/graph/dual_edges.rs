@@ -26,7 +26,7 @@ use std::sync::Arc;
 /// The file of the centroid distances.
 pub(super) const CENTROID_DISTANCES: &str = "graph_centroid_distances.npy";
 /// The file of the lengths of shared edges.
-pub(super) const EDGES: &str = "graph_edges.npy";
+pub(super) const EDGES: &str = "graph_shared_edge_lengths.npy";
 
 /// The edges of a graph before they are weighted, as compressed rows.
 #[derive(Clone, Debug)]
@@ -166,7 +166,7 @@ impl EdgesWriter {
     }
 }
 
-/// Assembles the rows and writes row starts, `graph_indices`, `graph_centroid_distances`, `graph_edges`.
+/// Assembles the rows and writes row starts, `graph_indices`, `graph_centroid_distances`, `graph_shared_edge_lengths`.
 ///
 /// If `nodes` are computed from the mesh, so are the lengths of shared edges, except for those in a list; `None` if
 /// that list would be too long.

@@ -167,7 +167,7 @@ pub struct NodeSums {
     /// Faces without area, direction or finite corners.
     pub degenerate: u64,
     /// Those among them with a corner whose coordinates are not finite.
-    pub unplaced: u64,
+    pub nonfinite: u64,
 }
 
 impl NodeSums {
@@ -177,7 +177,7 @@ impl NodeSums {
         if degenerate {
             self.degenerate += 1;
             let is_placed = |v: &u32| finite(mesh.positions.get(*v));
-            self.unplaced += u64::from(!mesh.faces.with(face, |corners| corners.iter().all(is_placed)));
+            self.nonfinite += u64::from(!mesh.faces.with(face, |corners| corners.iter().all(is_placed)));
         }
     }
 
@@ -186,7 +186,7 @@ impl NodeSums {
         chunks.iter().fold(Self::default(), |total, chunk| Self {
             area: total.area + chunk.area,
             degenerate: total.degenerate + chunk.degenerate,
-            unplaced: total.unplaced + chunk.unplaced,
+            nonfinite: total.nonfinite + chunk.nonfinite,
         })
     }
 }
@@ -287,7 +287,7 @@ mod tests {
         let points = [[0f32, 0., 0.], [1., 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., f32::NAN, 0.], [f32::INFINITY; 3]];
         let mesh = Mesh::from_slices(&points, &[[0u32, 1, 4], [0, 1, 2], [0, 1, 3]]).unwrap();
         let sums = sums(&mesh, &Frame { origin: [0.; 3], scale: 1. }, &Run::new(&())).unwrap();
-        assert_eq!((sums.degenerate, sums.unplaced, sums.area), (2, 1, 0.5));
+        assert_eq!((sums.degenerate, sums.nonfinite, sums.area), (2, 1, 0.5));
     }
 
     #[test]

@@ -217,7 +217,7 @@ fn flip_edges(
 }
 
 /// File of the bits of flipped faces.
-const FLIPPED: &str = "node_turned.npy";
+const FLIPPED: &str = "flipped_faces.npy";
 
 /// The same if nodes and edges are computed from `mesh`: one bit per face.
 fn flip_computed(

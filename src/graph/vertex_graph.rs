@@ -72,7 +72,7 @@ pub struct VertexFacts {
     /// Sum of triangle areas in the frame.
     pub area: f64,
     /// Vertices of open edges.
-    pub open: u64,
+    pub boundary_vertices: u64,
     /// Edges added between vertices of open edges at the same position.
     pub seams: u64,
     /// Components before bridging, vertices without triangles included.
@@ -258,7 +258,7 @@ impl VertexGraphWriter {
     fn push(&mut self, mut part: VertexRange, mesh: &Mesh) -> Result<()> {
         // One by one, since the number of vertices per call depends on memory and threads.
         part.nodes.iter().for_each(|node| self.facts.area += f64::from(node.area));
-        self.facts.open += part.open.len() as u64;
+        self.facts.boundary_vertices += part.open.len() as u64;
         part.ring_ends.iter_mut().for_each(|at| *at += self.ring_end);
         self.ring_end = part.ring_ends.last().copied().unwrap_or(self.ring_end);
         self.nodes.push(&part.nodes)?;
@@ -303,7 +303,7 @@ struct VertexGraphStage<'a> {
 
 impl Stage for VertexGraphStage<'_> {
     const NAME: &'static str = "vertex graph";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type Facts = (VertexFacts, Frame);
     type Output = (VertexGraph, String);
 
@@ -327,8 +327,8 @@ impl Stage for VertexGraphStage<'_> {
         let shuffle = ShuffleNeeds::new(records, 12, 6 * t, 2, estimate.left(), t);
         let all = 44 * vertices + 24 * records;
         let kept = estimate.reserve_array(all);
-        let passing = (12 * records).saturating_sub(shuffle.held);
-        Needs { memory: shuffle.held + estimate.used(), keeps: all - kept, passing, ..Needs::default() }
+        let temporary = (12 * records).saturating_sub(shuffle.held);
+        Needs { memory: shuffle.held + estimate.used(), keeps: all - kept, temporary, ..Needs::default() }
     }
 }
 

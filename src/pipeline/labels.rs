@@ -33,7 +33,7 @@ pub(super) const QUALITY: &str = "quality.npy";
 /// The stage that writes them.
 pub(super) const STAGE: &str = "labels";
 /// Version of the algorithm that decides on parts, given the cells.
-pub(super) const DECISION_VERSION: u32 = 18;
+pub(super) const DECISION_VERSION: u32 = 19;
 /// Version of the algorithms behind labels: the sum of that of boundaries and colours, the first number, and those of
 /// all earlier stages. Labels of an older program are rejected when read.
 pub const LABELS_VERSION: u32 = 8
@@ -76,7 +76,6 @@ pub struct SegmentStats {
     /// Radius of the normals used for measuring turning; 0: the faces' own.
     pub radius: f32,
     /// Faces of components too small to be parts.
-    #[serde(rename = "tiny_components")]
     pub tiny_faces: u64,
     /// The common label of tiny components, if they do not join parts.
     pub tiny_components_label: Option<u32>,

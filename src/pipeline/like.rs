@@ -50,9 +50,9 @@ impl Reference<'_> {
 /// How labels were transferred.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Way {
+pub enum TransferMethod {
     /// From the nearest face: both meshes are in the same position.
-    Place,
+    Position,
     /// By matching vertices.
     Shape,
 }
@@ -70,7 +70,7 @@ pub struct Transferred {
 #[derive(Clone, Debug, Serialize)]
 pub struct LikeFacts {
     /// The method.
-    pub way: Way,
+    pub method: TransferMethod,
     /// Confidence, 0 to 1: the share of certain faces, or the mean confidence of the matches.
     pub confidence: f64,
     /// Whether the shape is symmetric, so that parts may be mirrored.
@@ -78,11 +78,11 @@ pub struct LikeFacts {
     /// Parts of the reference that are missing on the mesh.
     pub missing: Vec<u32>,
     /// Whether a person should check the result.
-    pub look: bool,
+    pub needs_check: bool,
 }
 
 /// Temporary file of the transferred values; removed with its last reader.
-const VALUES: &str = "carried.tmp";
+const VALUES: &str = "transferred.tmp";
 
 /// Transfers the labels of `reference` to `mesh`. Arrays are stored in the folder of `context`, or in a temporary one
 /// within.
@@ -101,7 +101,7 @@ pub fn transfer_labels(reference: Reference<'_>, mesh: &Mesh, context: Context<'
             if uncertain <= SAME_PLACE {
                 let mut values = context.work.array::<u32>(VALUES, &[found.labels.len()])?;
                 context.run.fill_each(values.data(), CHUNK, |face, _| found.labels[face].wrapping_add(1))?;
-                return transferred(values, Way::Place, 1. - uncertain, false, context.work);
+                return transferred(values, TransferMethod::Position, 1. - uncertain, false, context.work);
             }
         }
         // The meshes are not in the same position.
@@ -113,14 +113,17 @@ pub fn transfer_labels(reference: Reference<'_>, mesh: &Mesh, context: Context<'
 
 fn transferred(
     values: ArrayMut<u32>,
-    way: Way,
+    method: TransferMethod,
     confidence: f64,
     ambiguous: bool,
     work: &WorkDir,
 ) -> Result<Transferred> {
     let values = values.finish(false)?;
     work.remove(VALUES);
-    Ok(Transferred { values, facts: LikeFacts { way, confidence, ambiguous, missing: Vec::new(), look: false } })
+    Ok(Transferred {
+        values,
+        facts: LikeFacts { method, confidence, ambiguous, missing: Vec::new(), needs_check: false },
+    })
 }
 
 /// By matching the vertices of `mesh` with those of the reference. The transferred values are stored in `work`.
@@ -163,7 +166,7 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>, work: &
     }
     let matched = || matches.iter().filter(|one| one.vertex().is_some());
     let confidence = matched().map(|one| f64::from(one.confidence)).sum::<f64>() / matched().count().max(1) as f64;
-    transferred(array, Way::Shape, confidence, found.alignments.ambiguous, work)
+    transferred(array, TransferMethod::Shape, confidence, found.alignments.ambiguous, work)
 }
 
 /// Gives the parts of `result`, which was cut with the hints in `transferred`, the numbers, colours and names of the
@@ -217,8 +220,8 @@ pub fn apply_reference_numbering(
     let labelled = reference.labels.iter().filter(|label| **label != UNLABELLED);
     labelled.for_each(|&label| known[label as usize] = true);
     facts.missing = (0..parts as u32).filter(|&part| known[part as usize] && faces[part as usize] == 0).collect();
-    let least = LEAST_CONFIDENCE[usize::from(facts.way == Way::Shape)];
-    facts.look = facts.confidence < least || facts.ambiguous || !facts.missing.is_empty() || some_unknown;
+    let least = LEAST_CONFIDENCE[usize::from(facts.method == TransferMethod::Shape)];
+    facts.needs_check = facts.confidence < least || facts.ambiguous || !facts.missing.is_empty() || some_unknown;
     result.labels = labels;
     result.colours = (0..all).map(grey).collect();
     result.names = reference.names.to_vec();

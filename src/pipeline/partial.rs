@@ -342,7 +342,7 @@ fn finish(
     let k = functional.map.nrows();
     let [of_part, of_region] = &functional.bases;
     // In vertices of the part.
-    let in_part = transformed(of_region, &functional.map, "carried.npy", Context::new(&whole.work, context.run))?;
+    let in_part = transformed(of_region, &functional.map, "transformed.npy", Context::new(&whole.work, context.run))?;
     let mut coordinates = [(&of_part.values[..], of_part.count), (&in_part[..], k)];
     let mut graphs = [&part.graph, graph];
     if !a_is_part {

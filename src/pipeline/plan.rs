@@ -100,7 +100,6 @@ pub struct Plan {
     /// [`Plan::disk_peak`] for a smooth surface, which needs fewer normals.
     pub disk_peak_smooth: u64,
     /// Mapped bytes that fronts access randomly: what the page cache should hold for full speed.
-    #[serde(rename = "walked")]
     pub random_access_bytes: u64,
     /// Total seconds on a smooth surface, if calibrated.
     pub seconds: Option<f64>,
@@ -154,8 +153,8 @@ fn labels_need(extent: &Extent, cluster: Cluster, estimate: &mut BudgetEstimate)
         4 * extent.corners - estimate.release_named(WEIGHTS)
     };
     let rows = if embeds_faces { frees } else { 0 };
-    let passing = if extent.reordered { (8 * n - restored).saturating_sub(rows) } else { 0 };
-    let needs = Needs { memory, keeps: 8 * n - labels, passing, frees, ..Needs::default() };
+    let temporary = if extent.reordered { (8 * n - restored).saturating_sub(rows) } else { 0 };
+    let needs = Needs { memory, keeps: 8 * n - labels, temporary, frees, ..Needs::default() };
     if embeds_faces {
         return needs.moving((8 * extent.landmarks + 50) * n, 14 * n);
     }
@@ -210,8 +209,8 @@ fn distances_need(
 /// Bytes on disk after `stages`, and at most while they run.
 fn disk_of(stages: &[StagePlan]) -> (u64, u64) {
     let (mut disk, mut peak) = (0, 0);
-    for Needs { keeps, passing, frees, .. } in stages.iter().map(|stage| stage.needs) {
-        peak = peak.max(disk + keeps + passing);
+    for Needs { keeps, temporary, frees, .. } in stages.iter().map(|stage| stage.needs) {
+        peak = peak.max(disk + keeps + temporary);
         disk = disk + keeps - frees;
     }
     (disk, peak)

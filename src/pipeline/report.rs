@@ -93,7 +93,7 @@ pub struct Input {
     /// Vertices far outside the rest, moved to the mean of their neighbours.
     pub stray_vertices: u64,
     /// Faces whose winding was flipped: it contradicted their component, or pointed inwards.
-    pub turned_faces: u64,
+    pub flipped_faces: u64,
     /// Edges without a consistent winding.
     pub unoriented_edges: u64,
     /// Share of steps from face to face that lead far away in the file's order, 0 to 1.
@@ -147,7 +147,7 @@ impl Report {
                 nonmanifold_edges: graph.nonmanifold_edges,
                 degenerate_faces: graph.degenerate_faces,
                 stray_vertices: graph.stray_vertices,
-                turned_faces: graph.turned_faces,
+                flipped_faces: graph.flipped_faces,
                 unoriented_edges: graph.unoriented_edges,
                 far_steps: result.order.far_steps,
                 reordered: result.order.reordered,

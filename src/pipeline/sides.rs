@@ -395,7 +395,7 @@ pub(super) fn refined(
             basis.first(graph.len(), &format!("{name}first_functions.npy"), Context::new(&side.work, context.run))
         };
         let (basis_a, basis_b) = (first(basis_a, graph_a, a)?, first(basis_b, graph_b, b)?);
-        let in_a = transformed(&basis_b, &map, "carried.npy", Context::new(&b.work, context.run))?;
+        let in_a = transformed(&basis_b, &map, "transformed.npy", Context::new(&b.work, context.run))?;
         let coordinates = [(&basis_a.values[..], basis_a.count), (&in_a[..], k)];
         let pair = RefinedPair::new(coordinates, k, [graph_a, graph_b], EXHAUSTIVE, context)?;
         let found = matches(&pair, params.matching, &format!("{name}matches.npy"), context)?;

@@ -93,7 +93,6 @@ impl<'a> WeightedSurface<'a> {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct SurfaceFacts {
     unit: f32,
-    #[serde(rename = "tiny_components")]
     tiny_nodes: u64,
     /// Index into [`RADII`] of the normals in use.
     radius: Option<usize>,
@@ -113,7 +112,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 12;
+    const VERSION: u32 = 13;
     type Facts = SurfaceFacts;
     type Output = PreparedSurface;
 
@@ -181,7 +180,7 @@ impl Stage for SurfaceStage<'_> {
         let kept_normals = if extent.rough { 12 * n } else { 0 };
         // Shares, cells; then other normals, the field and the owners of a front, the weights of cells. Cells need
         // normals at all radii, a rough surface at two, a smooth one at none, or at one if a sample is not conclusive.
-        let (keeping, passing) = match (extent.computed, extent.contracts, extent.rough) {
+        let (keeping, temporary) = match (extent.computed, extent.contracts, extent.rough) {
             // By blocks: one front at a time.
             (true, _, true) => (0, 16 * n),
             (_, true, true) => (4 * n, 28 * n),
@@ -190,16 +189,16 @@ impl Stage for SurfaceStage<'_> {
         };
         let held = estimate.reserve_array(keeping) + estimate.reserve_named(NORMALS_KEPT, kept_normals);
         let keeping = keeping + kept_normals;
-        let taken = estimate.reserve_array(passing);
+        let taken = estimate.reserve_array(temporary);
         estimate.release(taken);
         Needs {
-            // Not all of the passing arrays exist at the same time.
+            // Not all of the temporary arrays exist at the same time.
             memory: (if extent.contracts { 12 << 20 } else { 24 << 20 }) + estimate.used() + taken / 2,
             keeps: keeping - held,
-            passing: passing - taken,
+            temporary: temporary - taken,
             ..Needs::default()
         }
-        .moving(if extent.contracts && !extent.rough { 20 * n } else { 145 * n }, keeping + passing)
+        .moving(if extent.contracts && !extent.rough { 20 * n } else { 145 * n }, keeping + temporary)
     }
 }
 

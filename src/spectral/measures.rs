@@ -35,15 +35,15 @@ pub struct Measures {
     /// Γ*.
     pub gamma_star: f64,
     /// Greatest w̃_jj; above 1 only if the kernel is not positive, or by rounding.
-    pub greatest: f64,
+    pub max_diagonal: f64,
     /// Held-out residual, if columns were held out.
     pub held_out: Option<f64>,
     /// Σ|λ < 0| / Σ|λ| of A.
     pub negative_mass: f64,
     /// Negative eigenvalues of A.
-    pub negative: usize,
+    pub negative_eigenvalues: usize,
     /// Eigenpairs of A that were dropped.
-    pub dropped: usize,
+    pub dropped_eigenpairs: usize,
 }
 
 /// Measures `block`, whose affinities are 1 on the diagonal. `held_out`, if given, is a block of the held-out columns'
@@ -98,11 +98,11 @@ pub fn measure(
         gamma: sum(0),
         gamma_per_node: sum(0) / n.max(1) as f64,
         gamma_star: sum(1),
-        greatest: parts.iter().fold(0., |top, part| part[2].max(top)),
+        max_diagonal: parts.iter().fold(0., |top, part| part[2].max(top)),
         held_out: held_out.map(|_| (sum(3) / sum(4).max(1e-300)).sqrt()),
         negative_mass: kept.negative_mass(),
-        negative: kept.negative(),
-        dropped: kept.dropped(),
+        negative_eigenvalues: kept.negative(),
+        dropped_eigenpairs: kept.dropped(),
     })
 }
 

@@ -55,7 +55,7 @@ pub struct Needs {
     /// Bytes that it leaves in the work directory.
     pub keeps: u64,
     /// Further bytes that it needs there while it runs.
-    pub passing: u64,
+    pub temporary: u64,
     /// Bytes of its own and of earlier stages' files that it deletes at its end.
     pub frees: u64,
     /// Bytes read from the disk where memory holds hardly anything of the mesh (measured:

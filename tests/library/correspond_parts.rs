@@ -108,7 +108,7 @@ fn seams_are_closed_and_pieces_bridged() {
     let mesh = Mesh::from_slices(&points, &[[0u32, 1, 2], [3, 5, 4], [6, 7, 8]]).unwrap();
     let work = WorkDir::temporary(dir.path()).unwrap();
     let graph = graph(&mesh, Context::new(&work, &run));
-    assert_eq!((graph.facts.seams, graph.facts.components, graph.facts.open), (2, 3, 9));
+    assert_eq!((graph.facts.seams, graph.facts.components, graph.facts.boundary_vertices), (2, 3, 9));
     let field = oracle::dijkstra(graph.csr(), 0);
     assert!(field.iter().all(|d| d.is_finite()), "{field:?}");
     assert!((field[5] * graph.frame.scale as f32 - 2.).abs() < 1e-5);

@@ -236,7 +236,12 @@ fn every_sampling_finds_distinct_landmarks_the_same_on_matrix_and_graph() {
         if !matches!(a.sampling, Sampling::Greedy | Sampling::PooledGreedy | Sampling::Cholesky) {
             assert_eq!(a.landmarks, b.landmarks, "{name}");
             assert!((a.measures.gamma - b.measures.gamma).abs() < 1e-9 * a.measures.gamma, "{name}");
-            assert!((a.search - b.search).abs() < 0.6 + 0.3 * a.search, "{name}: {} {}", a.search, b.search);
+            assert!(
+                (a.search_fronts - b.search_fronts).abs() < 0.6 + 0.3 * a.search_fronts,
+                "{name}: {} {}",
+                a.search_fronts,
+                b.search_fronts
+            );
         }
     }
     // All nodes as landmarks, and more candidates than nodes.
@@ -343,7 +348,7 @@ fn samplings_rank_as_in_the_paper() {
     for record in &records {
         let (held_out, residual) = (record.measures.held_out.unwrap(), record.residual.unwrap());
         assert!((held_out / residual - 1.).abs() < 0.5, "{held_out} {residual}");
-        assert!(record.measures.gamma <= record.nodes as f64 && record.measures.greatest <= 1. + 1e-6);
+        assert!(record.measures.gamma <= record.nodes as f64 && record.measures.max_diagonal <= 1. + 1e-6);
         assert!((record.measures.gamma_star - record.measures.gamma).abs() < 1e-6);
     }
     let means = |value: fn(&SampleRecord) -> f64| records.iter().map(value).sum::<f64>() / records.len() as f64;

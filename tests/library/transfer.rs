@@ -184,7 +184,7 @@ fn thin_walls_keep_their_sides_even_wound_the_other_way() {
         let half = result.labels.len() / 2;
         assert!(result.labels[..half].iter().all(|&label| label == 0), "{turned}");
         assert!(result.labels[half..].iter().all(|&label| label == 1), "{turned}");
-        assert_eq!(result.facts.turned, turned);
+        assert_eq!(result.facts.opposite_normals, turned);
     }
 }
 

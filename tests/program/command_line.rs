@@ -347,7 +347,7 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
     assert_eq!(shape("graph_long_rows.npy"), ("'<u8'".to_string(), vec![0]));
     // Closed: three neighbours a triangle.
     assert_eq!(shape("graph_indices.npy"), (u4, vec![3 * n]));
-    for name in ["graph_weights.npy", "graph_centroid_distances.npy", "graph_edges.npy"] {
+    for name in ["graph_weights.npy", "graph_centroid_distances.npy", "graph_shared_edge_lengths.npy"] {
         assert_eq!(shape(name), (f4.clone(), vec![3 * n]), "{name}");
     }
     // Nothing half-made or temporary stays.

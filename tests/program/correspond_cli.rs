@@ -79,7 +79,7 @@ fn a_turned_permuted_copy_is_recognised_and_its_properties_come_back() {
         assert!(run.status.success(), "{}", errors(&run));
         let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
         let mean = told["errors"]["mean"].as_f64().unwrap();
-        assert!(mean < 0.02 && told["errors"]["judged"] == truth.len(), "{mean}, {right} of {} exact", truth.len());
+        assert!(mean < 0.02 && told["errors"]["evaluated"] == truth.len(), "{mean}, {right} of {} exact", truth.len());
     }
     let told: serde_json::Value = serde_json::from_slice(&std::fs::read(file("r.json")).unwrap()).unwrap();
     assert!(told["alignments"][0]["orientation"].as_f64().unwrap() > 0.5, "{told}");

@@ -505,8 +505,13 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
         all.as_array().unwrap().iter().find(|one| one["input"]["path"].as_str().unwrap().contains(name)).unwrap()
     };
     let (near, far) = (of("creature_6000"), of("moved"));
-    assert_eq!((&near["like"]["way"], &near["like"]["look"]), (&json!("place"), &json!(false)), "{}", near["like"]);
-    assert_eq!(far["like"]["way"], "shape");
+    assert_eq!(
+        (&near["like"]["method"], &near["like"]["needs_check"]),
+        (&json!("position"), &json!(false)),
+        "{}",
+        near["like"]
+    );
+    assert_eq!(far["like"]["method"], "shape");
     assert_eq!((near["parts"].as_array().unwrap().len(), &near["parts"][1]["name"]), (9, &json!("part one")));
     // The same parts have the same numbers: their shares of the area agree.
     let share = |report: &Value, part: usize| {
@@ -522,7 +527,7 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     let moved = Mesh::open(path("moved.like.ply")).unwrap();
     let labels = moved.face_property("label", &Run::new(&())).unwrap();
     assert!(agreement(&labels, &scene.before) > 0.9, "{}", agreement(&labels, &scene.before));
-    if far["like"]["look"] == true {
+    if far["like"]["needs_check"] == true {
         assert!(errors(&output).contains("check ") && errors(&output).contains("moved.ply"), "{}", errors(&output));
     }
     // Regression: the work directory kept the numbers, colours and names from before those of the reference were given.
@@ -667,7 +672,7 @@ fn specks_with_a_label_of_their_own_are_no_part() {
     let told = report("like.ply", &["--like", word(&path("people.ply"))]);
     let label = told["tiny_components_label"].as_u64().unwrap() as usize;
     assert_eq!((label, &told["parts"][label]["faces"]), (4, &json!(24)), "{told}");
-    assert_eq!((&told["like"]["missing"], &told["like"]["look"]), (&json!([]), &json!(false)), "{told}");
+    assert_eq!((&told["like"]["missing"], &told["like"]["needs_check"]), (&json!([]), &json!(false)), "{told}");
     // Regression: the lines and the table of a batch counted numbers that the reference does not use.
     let (people, out) = (path("people.ply"), path("{}.seg"));
     let output = run(&[&words[..], &["--like", word(&people), "-o", word(&out), "--json-lines"]].concat());

@@ -21,7 +21,7 @@ const STEPS: usize = 50;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Errors {
     /// Vertices evaluated.
-    pub judged: u64,
+    pub evaluated: u64,
     /// Vertices with a true match but no found one, excluded from the other numbers.
     pub unmatched: u64,
     /// Mean.
@@ -31,7 +31,7 @@ pub struct Errors {
     /// Nine in ten errors are below.
     pub ninth_decile: f64,
     /// Greatest.
-    pub most: f64,
+    pub maximum: f64,
     /// Share of the evaluated vertices whose error is at most [`Errors::END`] · i / 50 (51).
     pub curve: Vec<f64>,
 }
@@ -45,7 +45,7 @@ impl Errors {
     /// ```
     /// use nystrom_stream::apps::correspond::Errors;
     /// let errors = Errors::of(vec![0., 0.1, 0.2], 1);
-    /// assert_eq!((errors.judged, errors.unmatched, errors.median), (3, 1, 0.1));
+    /// assert_eq!((errors.evaluated, errors.unmatched, errors.median), (3, 1, 0.1));
     /// ```
     pub fn of(mut errors: Vec<f64>, unmatched: u64) -> Self {
         errors.sort_by(f64::total_cmp);
@@ -53,12 +53,12 @@ impl Errors {
         let count = errors.len().max(1) as f64;
         let below = |end: f64| errors.partition_point(|&error| error <= end) as f64 / count;
         Self {
-            judged: errors.len() as u64,
+            evaluated: errors.len() as u64,
             unmatched,
             mean: errors.iter().sum::<f64>() / count,
             median: at(0.5),
             ninth_decile: at(0.9),
-            most: at(1.),
+            maximum: at(1.),
             curve: (0..=STEPS).map(|i| below(Self::END * i as f64 / STEPS as f64)).collect(),
         }
     }
@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn sums_are_those_of_the_errors() {
         let errors = Errors::of(vec![0.2, 0., 0.1, 0.5], 3);
-        assert_eq!((errors.judged, errors.unmatched, errors.most), (4, 3, 0.5));
+        assert_eq!((errors.evaluated, errors.unmatched, errors.maximum), (4, 3, 0.5));
         assert!((errors.mean - 0.2).abs() < 1e-12);
         assert_eq!((errors.curve[0], errors.curve[20], errors.curve[STEPS]), (0.25, 0.5, 0.75));
         assert_eq!(Errors::of(Vec::new(), 0).mean, 0.);

@@ -91,11 +91,11 @@ pub struct PartialOutcome {
     /// Share of the part's sample points whose distances agree with those of their matches.
     pub agreeing: f64,
     /// Number of different matches, over the part's sample points.
-    pub covered: f64,
+    pub coverage: f64,
     /// Mean difference of log heat between a point and its match.
-    pub heat: f64,
+    pub heat_difference: f64,
     /// Share of points and times at which heat has not reached the boundary, so that it is comparable.
-    pub intact: f64,
+    pub heat_comparable: f64,
     /// Agreement of orientation: near 1 correct, near −1 mirrored.
     pub orientation: f64,
     /// The candidate of each anchor.
@@ -105,8 +105,8 @@ pub struct PartialOutcome {
 
 impl PartialOutcome {
     fn rank(&self) -> f64 {
-        let distances = self.disagreement / (self.agreeing * self.covered * self.covered).max(1e-3);
-        distances * libm::pow(HEAT_FLOOR + self.heat, self.intact)
+        let distances = self.disagreement / (self.agreeing * self.coverage * self.coverage).max(1e-3);
+        distances * libm::pow(HEAT_FLOOR + self.heat_difference, self.heat_comparable)
     }
 }
 
@@ -382,9 +382,9 @@ impl Sampled<'_> {
             anchors: images.iter().flatten().count(),
             disagreement: apart.iter().map(|one| one.min(2. * AGREEING)).sum::<f64>() / count,
             agreeing: agreeing as f64 / count,
-            covered: hit.len() as f64 / count,
-            heat: heat / intact.max(1) as f64,
-            intact: intact as f64 / (count * TIMES.len() as f64),
+            coverage: hit.len() as f64 / count,
+            heat_difference: heat / intact.max(1) as f64,
+            heat_comparable: intact as f64 / (count * TIMES.len() as f64),
             orientation: agreement(self.sides.map(|side| side.graph), &oriented, &self.neighbours(&some)),
             images,
         }

@@ -117,13 +117,13 @@ pub struct Outcome {
     /// Its start.
     pub start: Start,
     /// Number of functions of the first step.
-    pub first: usize,
+    pub initial_functions: usize,
     /// Mean difference between distances of landmarks on either mesh, over √area.
     pub distortion: f64,
     /// Mean squared difference between functions at points and at their matches, in both directions, per function.
     pub residual: f64,
     /// Share of B's sample points that are the match of some point.
-    pub covered: f64,
+    pub coverage: f64,
     /// [`Alignment::transport`] of the start; for other starts than alignments, that of the best.
     pub transport: f64,
     /// Mean distance from the images of given landmarks to their pairs, over √area.
@@ -151,7 +151,7 @@ impl Outcome {
 struct Origin {
     start: Start,
     /// Number of functions of the first step.
-    first: usize,
+    initial_functions: usize,
     /// As [`Outcome::transport`].
     transport: f64,
 }
@@ -283,7 +283,7 @@ impl Samples {
         let residual = one_way(&there, a, &b_in_a) + one_way(&back, &b_in_a, a);
         let mut hit = vec![false; b.len()];
         there.iter().for_each(|&j| hit[j as usize] = true);
-        let covered = hit.iter().filter(|&&hit| hit).count() as f64 / b.len().max(1) as f64;
+        let coverage = hit.iter().filter(|&&hit| hit).count() as f64 / b.len().max(1) as f64;
         // The images of landmarks of either mesh on the other.
         let [of_a, of_b] = &self.landmarks;
         let to_b = nearest(&in_b, of_a);
@@ -311,8 +311,19 @@ impl Samples {
             of_a.of_first(k).turned(&procrustes(pairs, k)).agreement(&of_b.of_first(k))
         });
         let sample = there.iter().map(|&j| self.chosen[1][j as usize]).collect();
-        let Origin { start, first, transport } = origin;
-        Outcome { start, first, distortion, residual, covered, transport, landmarks, orientation, map: c, sample }
+        let Origin { start, initial_functions, transport } = origin;
+        Outcome {
+            start,
+            initial_functions,
+            distortion,
+            residual,
+            coverage,
+            transport,
+            landmarks,
+            orientation,
+            map: c,
+            sample,
+        }
     }
 }
 
@@ -338,7 +349,7 @@ pub fn refine(
     let least = costs.iter().copied().fold(f64::INFINITY, f64::min).min(1.);
     let origins = begins.into_iter().flat_map(|start| {
         let transport = if let Start::Alignment(at) = start { costs[at] } else { least };
-        FIRST.map(|first| Origin { start, first, transport })
+        FIRST.map(|initial_functions| Origin { start, initial_functions, transport })
     });
     let origins: Vec<Origin> = origins.collect();
     let few = samples.thinned(THINNED);
@@ -363,16 +374,16 @@ pub fn refine(
             (_, _, Some(map)) => few.by_map(sides, map),
             _ => Vec::new(),
         };
-        Ok(few.evaluate(sides, prior, few.refine(found, origins[k].first, HALFWAY), origins[k]))
+        Ok(few.evaluate(sides, prior, few.refine(found, origins[k].initial_functions, HALFWAY), origins[k]))
     };
     let mut begun = run.map_chunks(origins.len(), || (), begin)?;
     let rank = |x: &Outcome, y: &Outcome| x.rank().total_cmp(&y.rank());
     sort_by(&mut begun, rank);
     let begun = different(oriented(begun), b);
     let finish = |k: usize, (): &mut ()| {
-        let Outcome { start, first, transport, ref map, .. } = begun[k];
+        let Outcome { start, initial_functions, transport, ref map, .. } = begun[k];
         let map = samples.refine(samples.matched(map), map.nrows(), usize::MAX);
-        Ok(samples.evaluate(sides, prior, map, Origin { start, first, transport }))
+        Ok(samples.evaluate(sides, prior, map, Origin { start, initial_functions, transport }))
     };
     let mut all = run.map_chunks(begun.len(), || (), finish)?;
     sort_by(&mut all, rank);

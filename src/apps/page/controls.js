@@ -78,9 +78,9 @@
     ArrowDown: () => turnBy(0, .1), '+': () => zoomBy(1.15), '=': () => zoomBy(1.15), '-': () => zoomBy(1 / 1.15),
   };
   const anywhere = {
-    r: reset, f: zoomToPart, z: undo, y: redo, v: () => setMode('look'), m: () => setMode('merge'), s: () => setMode('split'),
+    r: reset, f: zoomToPart, z: undo, y: redo, v: () => setMode('view'), m: () => setMode('merge'), s: () => setMode('split'),
     c: () => setMode('cut'), t: () => setMode('together'), a: () => setMode('apart'), d: () => setMode('drop'), p: () => setMode('protect'),
-    Escape: () => { setMode('look'); showAll(); },
+    Escape: () => { setMode('view'); showAll(); },
   };
   canvas.addEventListener('keydown', (event) => {
     if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -129,7 +129,7 @@
   if (earlier) $('slider').hidden = true;
   tell();
   choose(found);
-  setMode('look');
+  setMode('view');
   // What a test asks.
   window.page = {
     get parts() { return cut.colours.length; }, get alone() { return alone; }, get hidden() { return [...hidden]; },

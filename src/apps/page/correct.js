@@ -1,6 +1,6 @@
   // ---- correcting
   const HINTS = {
-    look: 'click a part to see it alone, double-click to zoom to it', merge: 'click two parts to merge them',
+    view: 'click a part to see it alone, double-click to zoom to it', merge: 'click two parts to merge them',
     split: 'click a part to divide it along the hierarchy', cut: 'draw a line across a part, or click a place on either side of the cut',
     together: 'click two places that belong to one part', apart: 'click two places that belong to different parts',
     drop: 'click a part that is not wanted', protect: 'click a part that no later edit may change',
@@ -8,7 +8,7 @@
   function say(told) { $('status').textContent = told; }
   function setMode(wanted) {
     const late = earlier && hint(wanted);
-    mode = model && !late ? wanted : 'look';
+    mode = model && !late ? wanted : 'view';
     picked = null;
     document.querySelectorAll('[data-mode]').forEach((button) => button.setAttribute('aria-pressed', button.dataset.mode === mode));
     say(late ? 'Hints are applied before edits, and these parts have edits already: give hints on the page without edits.' : HINTS[mode]);
@@ -17,7 +17,7 @@
   const hint = (edit) => edit === 'together' || edit === 'apart';
   // What a click on a part does; `t` is the triangle, −1 in the list.
   function act(part, t) {
-    if (mode === 'look') return single(part);
+    if (mode === 'view') return single(part);
     if (part < 0) return say(HINTS[mode]);
     if (mode === 'split') return change({ edit: 'split', at: [anchor(part)], into: Math.max(2, Number($('into').value) || 2) });
     if (mode === 'drop' || mode === 'protect') return change({ edit: mode, at: [anchor(part)] });

@@ -216,7 +216,7 @@
   let cut = cutInto(found);
   let alone = -1;
   let hidden = new Set();
-  let mode = 'look', picked = null, over = -1;
+  let mode = 'view', picked = null, over = -1;
   const shown = (part) => (alone < 0 || part === alone) && !hidden.has(part);
 
   const GHOST = 60;

@@ -117,7 +117,7 @@ pub struct SampleRecord {
     /// σ, in units of distance; absent if local.
     pub sigma: Option<f64>,
     /// The cost of the search, in fronts (Dijkstra's algorithm over all nodes), besides the l rows.
-    pub search: f64,
+    pub search_fronts: f64,
     /// The measures.
     #[serde(flatten)]
     pub measures: Measures,
@@ -178,7 +178,8 @@ pub fn compare(
                 let wanted = sizes.filter(|&size| sampling.is_nested() || size == l);
                 let records: Result<Vec<SampleRecord>> = wanted
                     .map(|l| {
-                        let sample = Sample { mesh, sampling, seed, landmarks: &landmarks[..l], search: search[l - 1] };
+                        let sample =
+                            Sample { mesh, sampling, seed, landmarks: &landmarks[..l], search_fronts: search[l - 1] };
                         record(ground, sample, &rows, params, &one)
                     })
                     .collect();
@@ -276,12 +277,12 @@ struct Sample<'a> {
     seed: u64,
     landmarks: &'a [u32],
     /// Number of fronts for finding them.
-    search: f64,
+    search_fronts: f64,
 }
 
 /// Measures a sample, whose landmarks are the first of those in `rows`.
 fn record(ground: &StudyData, sample: Sample, rows: &Rows, params: &CompareParams, run: &Run) -> Result<SampleRecord> {
-    let Sample { mesh, sampling, seed, landmarks, search } = sample;
+    let Sample { mesh, sampling, seed, landmarks, search_fronts } = sample;
     let (l, n) = (landmarks.len(), ground.len());
     let sigma = params.width * ground.mean;
     let bandwidth =
@@ -316,7 +317,7 @@ fn record(ground: &StudyData, sample: Sample, rows: &Rows, params: &CompareParam
         seed,
         nodes: n,
         sigma: (!params.local).then_some(sigma),
-        search,
+        search_fronts,
         measures,
         residual,
         exact,
@@ -341,7 +342,7 @@ pub struct EmbeddingError {
     /// Of the orthogonalised one with nodes weighted by area, against the area-weighted truth.
     pub by_area: f64,
     /// Share of negative eigenvalues of A.
-    pub negative: f64,
+    pub negative_share: f64,
 }
 
 /// The errors of `d` coordinates for each number of landmarks in `params`, with its kernel and width; landmarks are
@@ -416,7 +417,7 @@ pub fn embedding_errors(
             plain: error(Extrapolation::Plain, None, &even)?,
             orthogonal: error(Extrapolation::Orthogonal, None, &even)?,
             by_area: error(Extrapolation::Orthogonal, Some(&weights), &by_area)?,
-            negative: kept.negative() as f64 / l as f64,
+            negative_share: kept.negative() as f64 / l as f64,
         })
     };
     sizes.iter().map(one).collect()

@@ -46,9 +46,9 @@ pub struct SamplingSummary {
     /// Negative mass of A.
     pub negative_mass: Spread,
     /// Dropped eigenpairs.
-    pub dropped: Spread,
+    pub dropped_eigenpairs: Spread,
     /// Number of fronts of the search.
-    pub search: Spread,
+    pub search_fronts: Spread,
     /// Share of pairs (same mesh, seed and l) with a greater Γ than random sampling; the paper's Fig. 5.
     pub beats_random: Option<f64>,
 }
@@ -91,8 +91,8 @@ fn line((sampling, l): (Sampling, usize), records: &[SampleRecord], random: Opti
         held_out: spread(&|r| r.measures.held_out),
         residual: spread(&|r| r.residual),
         negative_mass: certain(&|r| r.measures.negative_mass),
-        dropped: certain(&|r| r.measures.dropped as f64),
-        search: certain(&|r| r.search),
+        dropped_eigenpairs: certain(&|r| r.measures.dropped_eigenpairs as f64),
+        search_fronts: certain(&|r| r.search_fronts),
         beats_random: (!pairs.is_empty() && Some(sampling) != random).then_some(beats),
     }
 }
@@ -121,8 +121,8 @@ pub fn to_text(lines: &[SamplingSummary]) -> String {
             spread(line.held_out),
             spread(line.residual),
             line.negative_mass.mean,
-            line.dropped.mean,
-            line.search.mean,
+            line.dropped_eigenpairs.mean,
+            line.search_fronts.mean,
             beats
         );
     }
@@ -137,17 +137,17 @@ pub fn one_to_text(record: &SampleRecord) -> String {
         let _ = writeln!(text, "{name:28} {value}");
     };
     tell("sampling", format!("{}, {} landmarks of {} nodes", record.sampling.name(), record.l, record.nodes));
-    tell("search", format!("{:.1} fronts besides the {} rows", record.search, record.l));
+    tell("search", format!("{:.1} fronts besides the {} rows", record.search_fronts, record.l));
     tell("σ", record.sigma.map_or("local".into(), |sigma| format!("{sigma:.6}")));
     tell("Γ", format!("{:.6}", m.gamma));
     tell("Γ/n", format!("{:.6}", m.gamma_per_node));
     tell("Γ*", format!("{:.6}", m.gamma_star));
-    tell("greatest w̃", format!("{:.6}", m.greatest));
+    tell("greatest w̃", format!("{:.6}", m.max_diagonal));
     if let Some(held_out) = m.held_out {
         tell("held-out residual", format!("{held_out:.6}"));
     }
-    tell("negative mass of A", format!("{:.6} in {} eigenvalues", m.negative_mass, m.negative));
-    tell("dropped eigenpairs", m.dropped.to_string());
+    tell("negative mass of A", format!("{:.6} in {} eigenvalues", m.negative_mass, m.negative_eigenvalues));
+    tell("dropped eigenpairs", m.dropped_eigenpairs.to_string());
     if let Some(residual) = record.residual {
         tell("residual", format!("{residual:.6}"));
     }
@@ -163,9 +163,10 @@ pub fn one_to_text(record: &SampleRecord) -> String {
 
 /// Every record as a line of comma-separated values, after a header line. Commas in names of meshes become underscores.
 pub fn to_csv(records: &[SampleRecord]) -> String {
-    let mut text = "mesh,sampling,l,seed,nodes,sigma,search,gamma,gamma_per_node,gamma_star,greatest,held_out,\
-                    negative_mass,negative,dropped,residual\n"
-        .to_owned();
+    let mut text =
+        "mesh,sampling,l,seed,nodes,sigma,search_fronts,gamma,gamma_per_node,gamma_star,max_diagonal,held_out,\
+                    negative_mass,negative_eigenvalues,dropped_eigenpairs,residual\n"
+            .to_owned();
     let maybe = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
     for record in records {
         let m = &record.measures;
@@ -178,15 +179,15 @@ pub fn to_csv(records: &[SampleRecord]) -> String {
             record.seed,
             record.nodes,
             maybe(record.sigma),
-            record.search,
+            record.search_fronts,
             m.gamma,
             m.gamma_per_node,
             m.gamma_star,
-            m.greatest,
+            m.max_diagonal,
             maybe(m.held_out),
             m.negative_mass,
-            m.negative,
-            m.dropped,
+            m.negative_eigenvalues,
+            m.dropped_eigenpairs,
             maybe(record.residual)
         );
     }

@@ -54,7 +54,7 @@ pub struct TransferCounts {
     /// Number of query points per face.
     pub points: usize,
     /// Whether normals point in the opposite direction.
-    pub turned: bool,
+    pub opposite_normals: bool,
 }
 
 /// The mean edge of `opened`'s triangles in `frame`, as if they were equilateral.
@@ -142,8 +142,8 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     let frame = UnitFrame::of(from, context.run)?;
     let (fine, coarse) = (mean_edge(from, &frame, context.run)?, mean_edge(to, &frame, context.run)?);
     let points = if coarse > 1.5 * fine { 4 } else { 1 };
-    let turned = has_opposite_normals(from, to, &frame);
-    let sign = if turned { -1. } else { 1. };
+    let opposite_normals = has_opposite_normals(from, to, &frame);
+    let sign = if opposite_normals { -1. } else { 1. };
     let far = FAR * fine.max(coarse);
 
     let mut array = context.work.array::<u64>("nearest.npy", &[n * points, 2])?;
@@ -196,7 +196,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     }
     label_from_neighbours(&graph, own.data(), context.run)?;
     let uncertain = quality.data().iter().filter(|&&quality| quality < 1.).count() as u64;
-    let facts = TransferCounts { faces: n as u64, uncertain, filled, islands, points, turned };
+    let facts = TransferCounts { faces: n as u64, uncertain, filled, islands, points, opposite_normals };
     Ok(Transferred { labels: own.finish(false)?, quality: quality.finish(false)?, facts })
 }
 

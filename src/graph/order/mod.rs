@@ -291,12 +291,12 @@ impl Stage for OrderStage<'_> {
         let left = if joined { budget } else { budget - 4 * vertices };
         let held = |records, size, part| ShuffleNeeds::new(records, size, 6 * t, part, left, t).held;
         let memory = if joined { budget } else { held(vertices, 24, 2).max(held(n, 20, 3)) };
-        let passing = 4 * vertices + (24 * vertices).max(20 * n + if joined { 16 * corners } else { 0 });
+        let temporary = 4 * vertices + (24 * vertices).max(20 * n + if joined { 16 * corners } else { 0 });
         estimate.release(ranks);
         Needs {
             memory: memory + ranks,
             keeps: 12 * vertices + 4 * corners + 4 * n,
-            passing: passing.saturating_sub(memory + ranks),
+            temporary: temporary.saturating_sub(memory + ranks),
             ..Needs::default()
         }
         .moving(105 * n, 104 * n)
