@@ -151,10 +151,10 @@ fn one_line(text: &str) -> String {
 }
 
 impl Error {
-    /// Builds an [`Error::Io`] from an `io::Error`, for `map_err`.
+    /// Builds an [`Error::Io`] from an `io::Error`, for `map_err`. The path is copied only then, since some loops write
+    /// a number at a time.
     pub fn io(path: impl AsRef<Path>, action: &'static str) -> impl FnOnce(io::Error) -> Error {
-        let path = path.as_ref().to_path_buf();
-        move |source| Error::Io { path, action, source }
+        move |source| Error::Io { path: path.as_ref().to_path_buf(), action, source }
     }
 
     /// An [`Error::Malformed`].
