@@ -33,10 +33,18 @@ pub(super) fn is_text(bytes: &[u8]) -> bool {
 
 /// Counts the elements of the mesh.
 pub(super) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
-    let vertices = if is_text(bytes) { corners_of_text(path, bytes)?.0 } else { 3 * triangles_of_binary(path, bytes)? };
+    Ok(examined(path, bytes)?.0)
+}
+
+/// The counts, and whether the file ends properly, as any binary file does.
+fn examined(path: &Path, bytes: &[u8]) -> Result<(Counts, bool)> {
+    let (vertices, ended) = match is_text(bytes) {
+        true => corners_of_text(path, bytes)?,
+        false => (3 * triangles_of_binary(path, bytes)?, true),
+    };
     let counts = Counts { vertices, faces: vertices / 3, corners: vertices, most: 3, double: false };
     check(path, counts)?;
-    Ok(counts)
+    Ok((counts, ended))
 }
 
 fn triangles_of_binary(path: &Path, bytes: &[u8]) -> Result<u64> {
@@ -72,7 +80,8 @@ fn corners_of_text(path: &Path, bytes: &[u8]) -> Result<(u64, bool)> {
 /// Writes the mesh.
 pub(super) fn convert(bytes: &[u8], target: &mut Target, notes: &mut Vec<String>) -> Result<()> {
     let path = target.path;
-    target.counts = count(path, bytes)?;
+    let (counts, ended) = examined(path, bytes)?;
+    target.counts = counts;
     target.header();
     let faces = target.counts.faces;
     if is_text(bytes) {
@@ -84,7 +93,7 @@ pub(super) fn convert(bytes: &[u8], target: &mut Target, notes: &mut Vec<String>
                 target.count_record()?;
             }
         }
-        if !corners_of_text(path, bytes)?.1 {
+        if !ended {
             notes.push(format!("{}: has no endsolid at its end; it may be cut short", path.display()));
         }
     } else {
