@@ -5,10 +5,11 @@
 //! triangle costs 12 bytes and a vertex 12, or 24 with its normal. Normals are written if the surface is smooth;
 //! without them, as for a box, programs draw faces flat. Polygons become triangles, in file order. Faces with a
 //! non-finite coordinate are omitted, since the format does not allow them. Double coordinates are written relative to
-//! their centre, which the node's translation adds again. Cost: one pass over the vertices and one per part over the
-//! labels; [`PER_PART`] bytes per part, from the budget, and 12 bytes per vertex for normals, in a file where memory is
-//! short.
+//! their centre, which the node's translation adds again. Cost: one pass over the vertices, a few over the labels
+//! ([`by_part`](super::by_part)); [`PER_PART`] bytes per part, from the budget, and 12 bytes per vertex for normals, in
+//! a file where memory is short.
 
+use super::by_part::{PartFaces, each_part};
 use super::{CHUNK, parts};
 use crate::apps::vertex_sums::VertexSums;
 use crate::base::vector::area;
@@ -294,34 +295,28 @@ impl<'a> Scene<'a> {
                 out.flush_if_full()?;
             }
         }
-        for label in (0..self.triangles.len()).filter(|&label| self.triangles[label] > 0) {
-            self.part(label as u32, &mut out)?;
-        }
+        each_part(self.labelling.labels, self.triangles.len(), self.run, |faces| self.part(faces, &mut out))?;
         out.finish()
     }
 
     /// The indices of a part.
-    fn part(&self, label: u32, out: &mut Gather) -> Result<()> {
-        for (chunk, labels) in self.labelling.labels.chunks(CHUNK).enumerate() {
-            self.run.cancel.check()?;
-            for at in (0..labels.len()).filter(|&at| labels[at] == label) {
-                self.mesh.faces.with(chunk * CHUNK + at, |corners| {
-                    if !self.whole && !corners.iter().all(|&v| self.is_in_space(v)) {
-                        return;
-                    }
-                    let mut write = |triangle: [u32; 3]| {
-                        out.buffer.extend_from_slice(bytemuck::cast_slice(&triangle.map(u32::to_le)));
-                    };
-                    match *corners {
-                        // Without reading its positions.
-                        [a, b, c] => write([a, b, c]),
-                        _ => self.mesh.triangles(corners, |triangle, _| write(triangle)),
-                    }
-                });
-                out.flush_if_full()?;
-            }
-        }
-        Ok(())
+    fn part(&self, faces: &PartFaces<'_>, out: &mut Gather) -> Result<()> {
+        faces.each(|face| {
+            self.mesh.faces.with(face, |corners| {
+                if !self.whole && !corners.iter().all(|&v| self.is_in_space(v)) {
+                    return;
+                }
+                let mut write = |triangle: [u32; 3]| {
+                    out.buffer.extend_from_slice(bytemuck::cast_slice(&triangle.map(u32::to_le)));
+                };
+                match *corners {
+                    // Without reading its positions.
+                    [a, b, c] => write([a, b, c]),
+                    _ => self.mesh.triangles(corners, |triangle, _| write(triangle)),
+                }
+            });
+            out.flush_if_full()
+        })
     }
 }
 

@@ -4,6 +4,7 @@
 //! All of them stream: memory does not grow with the mesh, except for one bit per vertex in [`split`], and the edges of
 //! a part if parts are closed, which come from the budget. Files appear complete or not at all.
 
+mod by_part;
 mod caps;
 pub mod form;
 pub mod glb;

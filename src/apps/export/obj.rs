@@ -3,9 +3,11 @@
 //! If the input is an OBJ, everything that faces use is kept: positions with their colours, texture coordinates,
 //! normals, materials and smoothing groups, each line verbatim; its own groups are replaced by those of the parts. A
 //! mesh of another format, or one without materials, gets a material per part in the colours of the labels, in a `.mtl`
-//! beside the `.obj`. Cost: one pass over the vertices and one per part over the labels; for an OBJ input two passes
-//! over its text, and 24 bytes per face, 48 if numbers are relative, in memory or in a temporary file.
+//! beside the `.obj`. Cost: one pass over the vertices and a few over the labels ([`by_part`](super::by_part)); for an
+//! OBJ input two passes over its text, and 24 bytes per face, 48 if numbers are relative, in memory or in a temporary
+//! file.
 
+use super::by_part::{PartFaces, each_part};
 use super::split::plain_name;
 use super::{CHUNK, parts};
 use crate::base::{Error, Result};
@@ -192,10 +194,9 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
             Some(source) => vertices_of(source, mesh.path(), path, &mut out, run)?,
             None => vertices(mesh, &mut out)?,
         }
-        let mut writer = ObjParts { mesh, labelling, source: source.as_ref(), own, in_force: [0; 2] };
-        for (part, name) in names(parts, labelling).iter().enumerate() {
-            writer.write(part as u32, name, &mut out, run)?;
-        }
+        let mut writer = ObjParts { mesh, source: source.as_ref(), own, in_force: [0; 2] };
+        let names = names(parts, labelling);
+        each_part(labelling.labels, parts, run, |faces| writer.write(faces, &names[faces.part as usize], &mut out))?;
         out.finish()
     })
 }
@@ -251,7 +252,6 @@ fn vertices(mesh: &Mesh, out: &mut Gather) -> Result<()> {
 /// Writes the faces of parts, one line each, after the statements of the input that apply to them.
 struct ObjParts<'a> {
     mesh: &'a Mesh,
-    labelling: &'a Labelling<'a>,
     source: Option<&'a Source<'a>>,
     /// Whether parts get our own materials.
     own: bool,
@@ -260,24 +260,20 @@ struct ObjParts<'a> {
 }
 
 impl ObjParts<'_> {
-    /// Writes a part, if it has faces: one pass over the labels.
-    fn write(&mut self, part: u32, name: &str, out: &mut Gather, run: &Run) -> Result<()> {
+    /// Writes a part, if it has faces.
+    fn write(&mut self, faces: &PartFaces<'_>, name: &str, out: &mut Gather) -> Result<()> {
         let mut begun = false;
-        for (chunk, labels) in self.labelling.labels.chunks(CHUNK).enumerate() {
-            run.cancel.check()?;
-            for at in (0..labels.len()).filter(|&at| labels[at] == part) {
-                if !begun {
-                    out.buffer.extend_from_slice(format!("o {name}\ng {name}\n").as_bytes());
-                    if self.own {
-                        out.buffer.extend_from_slice(format!("usemtl part_{part}\n").as_bytes());
-                    }
+        faces.each(|face| {
+            if !begun {
+                out.buffer.extend_from_slice(format!("o {name}\ng {name}\n").as_bytes());
+                if self.own {
+                    out.buffer.extend_from_slice(format!("usemtl part_{}\n", faces.part).as_bytes());
                 }
-                self.face(chunk * CHUNK + at, !begun, out);
-                begun = true;
-                out.flush_if_full()?;
             }
-        }
-        Ok(())
+            self.face(face, !begun, out);
+            begun = true;
+            out.flush_if_full()
+        })
     }
 
     /// Writes a face, preceded by the statements that apply to it, if they changed or the face is the `first` of its

@@ -5,10 +5,12 @@
 //! colour and quality; positions keep their precision. The files can be binary STL instead, for programs that read
 //! nothing else. On request parts are closed ([`caps`](super::caps)); triangles of caps have the `original_face` −1 and
 //! the quality 0. The list `parts.json`, written last, names the files. One bit per vertex and a count per [`BLOCK`] of
-//! them encode which vertices a part uses and their new numbers; one pass per part over the labels.
+//! them encode which vertices a part uses and their new numbers; a few passes over the labels
+//! ([`by_part`](super::by_part)).
 
+use super::by_part::{PartFaces, each_part};
 use super::caps::{Caps, Corner, EdgesAtCuts};
-use super::{CHUNK, parts};
+use super::parts;
 use crate::base::vector::{distance, dot, double_area, narrow, unit, wide};
 use crate::base::{Error, Result};
 use crate::mesh::output::{Gather, ends_with, publish};
@@ -109,23 +111,24 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
     let rounds = form == PartForm::Stl && mesh.positions.is_double();
     let mut facets = Facets::default();
     let at_cuts = if cap { Some(EdgesAtCuts::of(mesh, labelling.labels, run)?) } else { None };
-    for part in 0..parts {
+    each_part(labelling.labels, parts, run, |of_part| {
+        let part = of_part.part as usize;
         let name = file_name(part, labelling.name(part), form);
-        let size = writer.mark(part as u32)?;
+        let size = writer.mark(of_part)?;
         if size.faces == 0 {
-            continue;
+            return Ok(());
         }
         let path = folder.join(&name);
         let mut own = Facets::default();
-        let caps = at_cuts.as_ref().map_or(Ok(Caps::default()), |edges| {
-            writer.caps(part as u32, edges, (size.corners, form == PartForm::Stl))
-        })?;
+        let caps = at_cuts
+            .as_ref()
+            .map_or(Ok(Caps::default()), |edges| writer.caps(of_part, edges, (size.corners, form == PartForm::Stl)))?;
         publish(&path, 0, |file| {
             let mut out = Gather::new(&path, file);
             if form == PartForm::Stl {
-                own = writer.solid(part as u32, &caps, &mut out)?;
+                own = writer.solid(of_part, &caps, &mut out)?;
             } else {
-                writer.part(part as u32, size, &caps, &mut out)?;
+                writer.part(of_part, size, &caps, &mut out)?;
             }
             out.finish()
         })?;
@@ -143,7 +146,8 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
         facets.add(own);
         listed.push(entry);
         files.insert(name);
-    }
+        Ok(())
+    })?;
     // Formatting a JSON value cannot fail; `#` indents it.
     let listed = json!({"faces": mesh.faces.len(), "parts": listed});
     publish(&list, 0, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
@@ -233,21 +237,14 @@ struct PartSize {
 }
 
 impl Splitter<'_> {
-    /// Calls `visit` with the faces of `part`.
-    fn each(&self, part: u32, mut visit: impl FnMut(usize, &[u32]) -> Result<()>) -> Result<()> {
-        for (chunk, labels) in self.labelling.labels.chunks(CHUNK).enumerate() {
-            self.run.cancel.check()?;
-            for at in (0..labels.len()).filter(|&at| labels[at] == part) {
-                let face = chunk * CHUNK + at;
-                self.mesh.faces.with(face, |corners| visit(face, corners))?;
-            }
-        }
-        Ok(())
+    /// Calls `visit` with the faces of `part` and their corners.
+    fn each(&self, part: &PartFaces<'_>, mut visit: impl FnMut(usize, &[u32]) -> Result<()>) -> Result<()> {
+        part.each(|face| self.mesh.faces.with(face, |corners| visit(face, corners)))
     }
 
     /// The caps of `part`, given the number of corners of its faces, and whether edges are identified by positions
     /// alone.
-    fn caps(&self, part: u32, at_cuts: &EdgesAtCuts, size: (u64, bool)) -> Result<Caps> {
+    fn caps(&self, part: &PartFaces<'_>, at_cuts: &EdgesAtCuts, size: (u64, bool)) -> Result<Caps> {
         Caps::of(self.mesh, at_cuts, size, self.run, |visit_face| {
             self.each(part, |_, face| {
                 visit_face(face);
@@ -257,7 +254,7 @@ impl Splitter<'_> {
     }
 
     /// Marks the vertices of `part` and counts.
-    fn mark(&mut self, part: u32) -> Result<PartSize> {
+    fn mark(&mut self, part: &PartFaces<'_>) -> Result<PartSize> {
         let mut used = std::mem::take(&mut self.used);
         used.fill(0);
         let mut size = PartSize::default();
@@ -283,11 +280,11 @@ impl Splitter<'_> {
     }
 
     /// Writes the part of that size as PLY.
-    fn part(&self, part: u32, size: PartSize, caps: &Caps, out: &mut Gather) -> Result<()> {
+    fn part(&self, part: &PartFaces<'_>, size: PartSize, caps: &Caps, out: &mut Gather) -> Result<()> {
         let PartSize { faces, vertices, most_corners, .. } = size;
         let (double, count) = (self.mesh.positions.is_double(), Scalar::counting(most_corners.max(3)));
         let mut header = HeaderWriter::new(self.encoder.target);
-        header.remark(format!("comment part {part}, cut by nystrom-stream"));
+        header.remark(format!("comment part {}, cut by nystrom-stream", part.part));
         header.element("vertex", vertices + caps.centres.len() as u64).positions(double);
         header
             .element("face", faces + caps.triangles.len() as u64)
@@ -317,7 +314,7 @@ impl Splitter<'_> {
             self.encoder.integer(count, 3, &mut out.buffer);
             corners.iter().for_each(|&corner| self.encoder.integer(Scalar::I32, number(corner), &mut out.buffer));
             self.encoder.integer(Scalar::I32, -1, &mut out.buffer);
-            self.labelling.append_added(part, self.encoder, &mut out.buffer);
+            self.labelling.append_added(part.part, self.encoder, &mut out.buffer);
             self.encoder.end(&mut out.buffer);
             out.flush_if_full()?;
         }
@@ -325,17 +322,18 @@ impl Splitter<'_> {
     }
 
     /// Writes the part as binary STL; returns its loss of precision.
-    fn solid(&self, part: u32, caps: &Caps, out: &mut Gather) -> Result<Facets> {
+    fn solid(&self, part: &PartFaces<'_>, caps: &Caps, out: &mut Gather) -> Result<Facets> {
         let mut triangles = caps.triangles.len() as u64;
         self.each(part, |_, corners| {
             self.mesh.triangles(corners, |_, _| triangles += 1);
             Ok(())
         })?;
         let Ok(count) = u32::try_from(triangles) else {
-            let problem = format!("part {part} has {triangles} triangles, but an STL can have at most {}", u32::MAX);
+            let problem =
+                format!("part {} has {triangles} triangles, but an STL can have at most {}", part.part, u32::MAX);
             return Err(Error::parameter("part_form", problem, "write .ply"));
         };
-        let mut head = format!("part {part}, cut by nystrom-stream").into_bytes();
+        let mut head = format!("part {}, cut by nystrom-stream", part.part).into_bytes();
         head.resize(80, 0);
         out.buffer.append(&mut head);
         out.buffer.extend_from_slice(&count.to_le_bytes());
