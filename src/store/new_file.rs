@@ -126,6 +126,20 @@ fn filled(path: &Path, bytes: u64, durable: bool, write: &mut dyn FnMut(&mut Fil
     })
 }
 
+/// Brings all files of the file system that holds `folder` to the disk: for many small ones far faster than one by one.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(crate) fn sync_file_system(folder: &Path) -> Result<()> {
+    #[cfg(target_os = "linux")]
+    return File::open(folder).and_then(|open| Ok(rustix::fs::syncfs(open)?)).map_err(Error::io(folder, "sync"));
+    #[cfg(not(target_os = "linux"))]
+    {
+        rustix::fs::sync();
+        Ok(())
+    }
+}
+
 /// Whether `path` still names `file`, and not another one that replaced it.
 fn is_at(file: &File, path: &Path) -> std::io::Result<bool> {
     let own = file.metadata()?;

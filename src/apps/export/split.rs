@@ -17,6 +17,7 @@ use crate::mesh::output::{Gather, ends_with, publish};
 use crate::mesh::ply::{Encoder, Encoding, HeaderWriter, Scalar};
 use crate::mesh::{Labelling, Mesh};
 use crate::store::Run;
+use crate::store::new_file::{by_rename, sync_file_system};
 use serde_json::json;
 use std::collections::BTreeSet;
 use std::io::Write as _;
@@ -26,6 +27,9 @@ use std::path::Path;
 pub const LIST: &str = "parts.json";
 /// Maximum number of bytes of a name within a file name.
 const LONGEST: usize = 200;
+/// Maximum number of files that are synced one by one, some 6 ms each. If there are more, all are synced together, which
+/// waits for other programs' files, too.
+const SYNCED_ALONE: usize = 100;
 /// Vertices per word.
 const BLOCK: usize = 64;
 /// Spacing of floats, in mean edges, above which the loss of precision is visible.
@@ -123,7 +127,7 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
         let caps = at_cuts
             .as_ref()
             .map_or(Ok(Caps::default()), |edges| writer.caps(of_part, edges, (size.corners, form == PartForm::Stl)))?;
-        publish(&path, 0, |file| {
+        by_rename(&path, 0, parts <= SYNCED_ALONE, |file| {
             let mut out = Gather::new(&path, file);
             if form == PartForm::Stl {
                 own = writer.solid(of_part, &caps, &mut out)?;
@@ -148,6 +152,9 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
         files.insert(name);
         Ok(())
     })?;
+    if parts > SYNCED_ALONE {
+        sync_file_system(folder)?;
+    }
     // Formatting a JSON value cannot fail; `#` indents it.
     let listed = json!({"faces": mesh.faces.len(), "parts": listed});
     publish(&list, 0, |file| writeln!(file, "{listed:#}").map_err(Error::io(&list, "write")))?;
