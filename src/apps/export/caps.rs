@@ -5,8 +5,9 @@
 //! filled by ear clipping in the plane of its area vector (Newell's). If that does not use each of its edges once,
 //! folds, or would duplicate an edge of the part or one next to the cut, it is filled by a fan around its centre, which
 //! always closes it, but may intersect itself if the loop is far from flat and convex. Both sides of a loop get the
-//! same triangles, so volumes of parts add up to that of the whole. The diagonals of triangulated polygons count as
-//! edges too, since STL files consist of triangles.
+//! same triangles, so volumes of parts add up to that of the whole if each loop lies between two parts; caps of parts
+//! that meet three at a time need not fill what they enclose. The diagonals of triangulated polygons count as edges
+//! too, since STL files consist of triangles.
 //!
 //! Vertices at the same position count as one. Cost: 24 bytes per corner of the part (STL: 32), [`OPEN`] per open edge,
 //! and 4 bytes per vertex of the mesh while the meeting points of parts are determined, from the budget; a sort of the

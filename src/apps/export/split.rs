@@ -27,8 +27,8 @@ use std::path::Path;
 pub const LIST: &str = "parts.json";
 /// Maximum number of bytes of a name within a file name.
 const LONGEST: usize = 200;
-/// Maximum number of files that are synced one by one, some 6 ms each. If there are more, all are synced together, which
-/// waits for other programs' files, too.
+/// Maximum number of files that are synced one by one, some 6 ms each. More are synced together, which waits for other
+/// programs' files, too.
 const SYNCED_ALONE: usize = 100;
 /// Vertices per word.
 const BLOCK: usize = 64;
