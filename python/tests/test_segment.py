@@ -49,6 +49,16 @@ def test_parts_found_and_given(mesh):
     assert len(np.unique(means.labels)) == 3 and means.tree is None
 
 
+def test_connected_components(mesh):
+    vertices, faces = mesh
+    pair = np.concatenate([vertices, 0.5 * vertices + [0, 5, 0]]), np.concatenate([faces + len(vertices), faces])
+    cut = nystrom_stream.segment(*pair, cluster="components")
+    assert (cut.labels == np.repeat([1, 0], len(faces))).all()
+    for option in [{"parts": 2}, {"landmarks": 9}, {"exact": True}, {"walls": "own"}, {"sigma": 1.0}]:
+        with pytest.raises(ValueError):
+            nystrom_stream.segment(*pair, cluster="components", **option)
+
+
 def test_types_and_views_change_nothing(mesh):
     vertices, faces = mesh
     vertices = vertices.astype(np.float32)
