@@ -1,7 +1,7 @@
 //! Vertex normals: those of the surrounding faces, summed with their angles as weights.
 //!
 //! In integers, so that threads may add in any order and the sum is always the same. 12 bytes per vertex, in a file
-//! where memory is short, and some 30 ns per face.
+//! where memory is short, and some 130 ns of processor time per face: nine atomic additions, and three angles.
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
