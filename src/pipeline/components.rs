@@ -84,7 +84,7 @@ impl Ranked {
         if large < count {
             (numbers.tiny_components_label, numbers.tiny_faces) = (Some(large as u32), numbers.faces[large]);
         } else if tiny == TinyComponents::Own {
-            context.run.progress.note("there are no tiny components, so no label stands for them");
+            context.run.progress.note(labels::NO_TINY_COMPONENTS);
         }
         Ok(Self { part, numbers })
     }

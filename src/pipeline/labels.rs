@@ -43,6 +43,8 @@ pub const LABELS_VERSION: u32 = 8
     + SurfaceStage::VERSION
     + RowsStage::VERSION
     + Contraction::VERSION;
+/// A note, if tiny components should form a part of their own.
+pub(super) const NO_TINY_COMPONENTS: &str = "there are no tiny components, so no label stands for them";
 /// The colour of tiny components that form a part of their own.
 const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
 

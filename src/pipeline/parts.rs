@@ -118,7 +118,7 @@ pub(super) fn parts(
     requests.corrections.tell_unmet(&nodes, order, &labels, context.run);
     let (mut parts, mut tiny_components_label) = (decided.parts, None);
     if params.tiny_components == TinyComponents::Own && shares.tiny_nodes == 0 {
-        context.run.progress.note("there are no tiny components, so no label stands for them");
+        context.run.progress.note(labels::NO_TINY_COMPONENTS);
     } else if params.tiny_components == TinyComponents::Own {
         tiny_components_label = Some(parts as u32);
         labels = label_tiny_components(&labels, shares, parts as u32, context)?;
