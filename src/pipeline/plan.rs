@@ -264,7 +264,11 @@ impl Plan {
             disk_peak,
             disk_peak_smooth,
             // Row starts, neighbours, weights, a row and the field; components need no fronts.
-            random_access_bytes: if extent.landmarks == 0 { 0 } else { 8 * faces + faces / 2 + 8 * corners },
+            random_access_bytes: if params.cluster == Cluster::Components {
+                0
+            } else {
+                8 * faces + faces / 2 + 8 * corners
+            },
             stages,
             seconds: None,
             seconds_rough: None,

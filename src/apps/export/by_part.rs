@@ -63,36 +63,38 @@ fn each_part_listing(
     let mut listed = Vec::new();
     let mut first = 0;
     while first < parts {
-        // Where the faces of each part begin in the list, for the parts that have room there together.
-        let (mut starts, mut total) = (Vec::new(), 0);
-        for &size in sizes[first..].iter().take_while(|&&size| size <= most) {
+        // Where the next face of each part goes in the list, for the parts that have room there together.
+        let (mut nexts, mut total) = (Vec::new(), 0);
+        for &size in &sizes[first..] {
             if total + size > most {
                 break;
             }
-            starts.push(total);
+            nexts.push(total);
             total += size;
         }
         let part = first as u32;
-        if starts.is_empty() {
+        if nexts.is_empty() {
             visit(&PartFaces { part, labels, listed: None, run })?;
             first += 1;
             continue;
         }
         listed.resize(total, 0u32);
-        let mut next = starts.clone();
         for (chunk, labels) in labels.chunks(CHUNK).enumerate() {
             run.cancel.check()?;
             for (face, &label) in (chunk * CHUNK..).zip(labels) {
-                if let Some(next) = (label as usize).checked_sub(first).and_then(|k| next.get_mut(k)) {
+                if let Some(next) = (label as usize).checked_sub(first).and_then(|k| nexts.get_mut(k)) {
                     listed[*next] = face as u32;
                     *next += 1;
                 }
             }
         }
-        for (part, (&start, &end)) in (part..).zip(starts.iter().zip(&next)) {
+        // By now each is where its part ends.
+        let mut start = 0;
+        for (part, &end) in (part..).zip(&nexts) {
             visit(&PartFaces { part, labels, listed: Some(&listed[start..end]), run })?;
+            start = end;
         }
-        first += starts.len();
+        first += nexts.len();
     }
     Ok(())
 }

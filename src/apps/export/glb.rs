@@ -10,14 +10,14 @@
 //! a file where memory is short.
 
 use super::by_part::{PartFaces, each_part};
-use super::{CHUNK, parts};
+use super::{CHUNK, parts, scratch_beside};
 use crate::apps::vertex_sums::VertexSums;
 use crate::base::vector::area;
 use crate::base::{Error, Result};
 use crate::graph::Frame;
 use crate::mesh::output::{Gather, publish};
 use crate::mesh::{Labelling, Mesh};
-use crate::store::{Context, Run, WorkDir};
+use crate::store::{Context, Run};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -60,8 +60,7 @@ const VERTICES: usize = 1 << 14;
 /// [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let work = WorkDir::in_memory(folder, &run.budget);
+    let work = scratch_beside(path, run);
     let mut scene = Scene::of(mesh, labelling, parts, run)?;
     if scene.is_tiny {
         let problem = "would have only zero coordinates: the mesh is too small for 32-bit floats";

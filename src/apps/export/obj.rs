@@ -9,7 +9,7 @@
 
 use super::by_part::{PartFaces, each_part};
 use super::split::plain_name;
-use super::{CHUNK, parts};
+use super::{CHUNK, parts, scratch_beside};
 use crate::base::{Error, Result};
 use crate::mesh::import::statements;
 use crate::mesh::output::{Gather, publish};
@@ -162,8 +162,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
         Ok(bytes) if crate::mesh::import::name(mesh.path(), &bytes) == "OBJ" => Some(bytes),
         _ => None,
     };
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let work = WorkDir::in_memory(folder, &run.budget);
+    let work = scratch_beside(path, run);
     let source = bytes.as_ref().map(|bytes| Source::of(bytes, n, &work, run)).transpose()?.flatten();
     let own = source.as_ref().is_none_or(|source| !source.has_materials);
     let materials = material_file(path);
