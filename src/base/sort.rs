@@ -21,6 +21,18 @@ pub fn order_by(n: usize, compare: impl Fn(usize, usize) -> Ordering) -> Vec<usi
     ordered(n, &compare)
 }
 
+/// The order of arrays of numbers, always inlined: the standard library compares arrays as slices, with a call for each
+/// comparison.
+#[inline(always)]
+pub fn lexicographic<const N: usize>(a: &[u32; N], b: &[u32; N]) -> Ordering {
+    for k in 0..N {
+        if a[k] != b[k] {
+            return a[k].cmp(&b[k]);
+        }
+    }
+    Ordering::Equal
+}
+
 fn ordered(n: usize, compare: &dyn Fn(usize, usize) -> Ordering) -> Vec<usize> {
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|&i, &j| compare(i, j));

@@ -13,6 +13,7 @@
 use super::area_shares::{AreaShares, SurfaceSum, as_u16, spread_seeds, surface_sums};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::sort::lexicographic;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::SharedFront;
 use crate::graph::DualEdges;
@@ -249,7 +250,7 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
 
 /// Sorts `pieces`, and adds up the edges of each pair in order.
 fn added(pieces: &mut [Piece], edge: impl Fn(&Piece) -> ContractedEdge) -> Boundaries {
-    pieces.sort_unstable();
+    pieces.sort_unstable_by(lexicographic);
     let pairs = || pieces.chunk_by(|a, b| a[0] == b[0]);
     let mut boundaries = Vec::with_capacity(pairs().count());
     for same in pairs() {

@@ -17,6 +17,7 @@ use super::Run;
 use super::budget::Grant;
 use super::new_file;
 use crate::base::parallel::lock;
+use crate::base::sort::lexicographic;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
 use std::fs::File;
@@ -165,16 +166,19 @@ impl<T: Pod + Send> Shuffle<T> {
     }
 }
 
-impl<T: Pod + Send + Ord> Shuffle<T> {
+impl<const W: usize> Shuffle<[u32; W]>
+where
+    [u32; W]: Pod,
+{
     /// Takes and sorts every bucket, on the run's threads, and passes the records to `each` bucket by bucket in order;
     /// at most `4 * threads` sorted buckets wait at a time.
     ///
     /// # Errors
     /// Those of `each`; [`Error::Io`], [`Error::Cancelled`].
-    pub fn sorted(&self, run: &Run, mut each: impl FnMut(Vec<T>) -> Result<()>) -> Result<()> {
+    pub fn sorted(&self, run: &Run, mut each: impl FnMut(Vec<[u32; W]>) -> Result<()>) -> Result<()> {
         let take = |bucket, (): &mut ()| {
             let mut records = self.take(bucket)?;
-            records.sort_unstable();
+            records.sort_unstable_by(lexicographic);
             Ok(records)
         };
         run.in_order(self.buckets(), || (), take, |_, records| each(records))
@@ -325,25 +329,25 @@ impl RangeBuckets {
 
 /// Bounds between buckets from a sample of keys: buckets of about equal size whatever the distribution of keys.
 #[derive(Clone, Debug)]
-pub struct Splitters<K> {
-    bounds: Vec<K>,
+pub struct Splitters<const W: usize> {
+    bounds: Vec<[u32; W]>,
 }
 
-impl<K: Ord + Copy> Splitters<K> {
+impl<const W: usize> Splitters<W> {
     /// Sampled keys per bucket.
     pub const SAMPLES: usize = 48;
 
     /// Bounds for `buckets` buckets by the quantiles of `sample`.
-    pub fn new(mut sample: Vec<K>, buckets: usize) -> Self {
-        sample.sort_unstable();
+    pub fn new(mut sample: Vec<[u32; W]>, buckets: usize) -> Self {
+        sample.sort_unstable_by(lexicographic);
         let bounds = (1..buckets).filter_map(|b| sample.get(b * sample.len() / buckets).copied()).collect();
         Self { bounds }
     }
 
     /// The bucket of a key; monotonic in the key.
     #[inline]
-    pub fn bucket(&self, key: K) -> usize {
-        self.bounds.partition_point(|bound| *bound <= key)
+    pub fn bucket(&self, key: [u32; W]) -> usize {
+        self.bounds.partition_point(|bound| lexicographic(bound, &key).is_le())
     }
 }
 
@@ -417,13 +421,14 @@ mod tests {
 
     #[test]
     fn splitters_balance_skewed_keys() {
-        let keys: Vec<u64> = (0..10_000u64).map(|i| i * i * i).collect();
+        let halves = |i: u64| [(i >> 32) as u32, i as u32];
+        let keys: Vec<[u32; 2]> = (0..10_000u64).map(|i| halves(i * i * i)).collect();
         let splitters = Splitters::new(keys.iter().copied().step_by(7).collect(), 10);
         let mut counts = [0; 10];
         for &key in &keys {
             counts[splitters.bucket(key)] += 1;
         }
         assert!(counts.iter().all(|&count| (900..1100).contains(&count)), "{counts:?}");
-        assert_eq!(Splitters::<u32>::new(vec![], 4).bucket(7), 0);
+        assert_eq!(Splitters::new(vec![], 4).bucket([7]), 0);
     }
 }

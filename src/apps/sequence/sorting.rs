@@ -36,7 +36,7 @@ pub(super) fn sorted<const W: usize>(
         context.run,
     )?;
     let shuffle = &sized.shuffle;
-    let step = (items / (shuffle.buckets() * Splitters::<[u32; W]>::SAMPLES)).max(1);
+    let step = (items / (shuffle.buckets() * Splitters::<W>::SAMPLES)).max(1);
     let mut sample = Vec::new();
     for item in (0..items).step_by(step) {
         fill(item..item + 1, &mut |record| {

@@ -114,7 +114,7 @@ impl FaceSort<'_> {
         let sorting =
             BudgetedShuffle::<[u32; W]>::new(&work.file("faces.tmp"), "sorting faces", records, copies, 3, run)?;
         let shuffle = &sorting.shuffle;
-        let step = (n / (shuffle.buckets() * Splitters::<[u32; 2]>::SAMPLES)).max(1);
+        let step = (n / (shuffle.buckets() * Splitters::<2>::SAMPLES)).max(1);
         let sample = (0..n).step_by(step).map(|face| {
             self.faces.with(face, |corners| {
                 let least = corners.iter().map(|&v| self.rank[v as usize]).min();

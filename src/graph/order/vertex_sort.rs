@@ -64,7 +64,7 @@ impl VertexSort<'_> {
         let sorting =
             BudgetedShuffle::<[u32; W]>::new(&work.file("vertices.tmp"), "sorting vertices", n as u64, copies, 2, run)?;
         let shuffle = &sorting.shuffle;
-        let step = (n / (shuffle.buckets() * Splitters::<[u32; 3]>::SAMPLES)).max(1);
+        let step = (n / (shuffle.buckets() * Splitters::<3>::SAMPLES)).max(1);
         let splitters = Splitters::new((0..n).step_by(step).map(|v| self.key(v).0).collect(), shuffle.buckets());
         run.each_chunk(
             chunk_count(n, CHUNK),
