@@ -5,7 +5,7 @@
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::vector::{dot, double_area, length, minus, unit};
+use crate::base::vector::{MapEach, dot, double_area, length, minus, unit};
 use crate::mesh::Mesh;
 use crate::store::{Context, Run, ScratchArray};
 use std::ops::Range;
@@ -42,8 +42,8 @@ pub(super) fn each_corner(mesh: &Mesh, faces: Range<usize>, mut visit: impl FnMu
         mesh.triangles(corners, |corners, at| {
             let normal = double_area(at);
             let area = length(normal);
-            let normal = if area > 0.0 { normal.map(|x| x / area) } else { [0.0; 3] };
-            let edges = [0, 1, 2].map(|k| minus(at[(k + 1) % 3], at[k]));
+            let normal = if area > 0.0 { normal.map_each(|x| x / area) } else { [0.0; 3] };
+            let edges = [0, 1, 2].map_each(|k| minus(at[(k + 1) % 3], at[k]));
             for k in 0..3 {
                 visit(corners[k], normal, angle(area, -dot(edges[k], edges[(k + 2) % 3])));
             }
@@ -52,8 +52,9 @@ pub(super) fn each_corner(mesh: &Mesh, faces: Range<usize>, mut visit: impl FnMu
 }
 
 /// What a corner adds to the sum of its vertex.
+#[inline(always)]
 fn addend(normal: [f64; 3], angle: f64) -> [i32; 3] {
-    normal.map(|x| (x * angle * STEPS) as i32)
+    normal.map_each(|x| (x * angle * STEPS) as i32)
 }
 
 /// One normal per vertex, not normalised.
@@ -77,7 +78,10 @@ impl VertexSums {
         let chunk = |k, (): &mut ()| {
             each_corner(mesh, chunk_range(n, CHUNK, k), |corner, normal, angle| {
                 let Some(sum) = sums.get(corner as usize) else { return };
-                sum.iter().zip(addend(normal, angle)).for_each(|(sum, x)| _ = sum.fetch_add(x, Relaxed));
+                let added = addend(normal, angle);
+                for axis in 0..3 {
+                    sum[axis].fetch_add(added[axis], Relaxed);
+                }
             });
             Ok(())
         };
@@ -110,12 +114,16 @@ impl VertexSums {
     }
 
     /// The unit normal of `vertex`; of length 0 if its faces have none, or cancel out.
+    #[inline]
     pub fn normal(&self, vertex: u32) -> Option<[f64; 3]> {
         let sum = match &self.0 {
-            Sums::Memory(sums) => sums.get(vertex as usize)?.each_ref().map(|sum| sum.load(Relaxed)),
+            Sums::Memory(sums) => {
+                let sum = sums.get(vertex as usize)?;
+                [0, 1, 2].map_each(|axis| sum[axis].load(Relaxed))
+            }
             Sums::Scratch(sums) => *sums.get(vertex as usize)?,
         };
-        Some(unit(sum.map(f64::from)))
+        Some(unit(sum.map_each(f64::from)))
     }
 
     /// The share of the area whose faces are steep to the normal of a corner, 0 to 1: small for a scan, large for a

@@ -32,6 +32,7 @@ pub fn weighted(sums: &[f64], random: &mut Random) -> usize {
 /// −ln u / weight and the first one wins. Its u is a hash of `key` and its name, so small changes of weights, and items
 /// added or removed, seldom change the winner. With running sums ([`weighted`]) a small change early in the list shifts
 /// every later draw.
+#[inline]
 pub fn weighted_by_key(key: u64, items: impl Iterator<Item = (u64, f64)>) -> usize {
     let (mut least, mut winner) = (f64::INFINITY, 0);
     for (item, (name, weight)) in items.enumerate() {

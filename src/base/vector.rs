@@ -1,5 +1,24 @@
-//! Points and directions as plain arrays. Written out axis by axis: mapping over an array is not always inlined,
-//! and these are inner loops.
+//! Points and directions as plain arrays. These are inner loops, so all of it is inlined.
+
+use std::ops::{AddAssign, Mul};
+
+/// What [`array::map`] does, always inlined: the standard library's makes a call per element where it is compiled apart
+/// from its caller.
+pub trait MapEach<T, const N: usize> {
+    /// `f` of every element.
+    fn map_each<U: Copy + Default>(self, f: impl FnMut(T) -> U) -> [U; N];
+}
+
+impl<T: Copy, const N: usize> MapEach<T, N> for [T; N] {
+    #[inline(always)]
+    fn map_each<U: Copy + Default>(self, mut f: impl FnMut(T) -> U) -> [U; N] {
+        let mut out = [U::default(); N];
+        for k in 0..N {
+            out[k] = f(self[k]);
+        }
+        out
+    }
+}
 
 /// a − b.
 #[inline(always)]
@@ -107,21 +126,39 @@ pub fn position_key(a: [f64; 3]) -> [u64; 3] {
     [(a[0] + 0.).to_bits(), (a[1] + 0.).to_bits(), (a[2] + 0.).to_bits()]
 }
 
+/// Whether all coordinates are 0.
+#[inline(always)]
+pub fn is_zero<T: Copy + Default + PartialEq>(a: [T; 3]) -> bool {
+    a[0] == T::default() && a[1] == T::default() && a[2] == T::default()
+}
+
 /// Whether all coordinates are finite.
 #[inline(always)]
 pub fn finite(a: [f64; 3]) -> bool {
     a[0].is_finite() && a[1].is_finite() && a[2].is_finite()
 }
 
+/// y += a x, as in BLAS; `x` is at least as long as `y`.
+#[inline(always)]
+pub fn axpy<T: Copy + AddAssign + Mul<Output = T>>(y: &mut [T], a: T, x: &[T]) {
+    let x = &x[..y.len()];
+    for i in 0..y.len() {
+        y[i] += a * x[i];
+    }
+}
+
 /// |a − b|² of high-dimensional points, accumulated in `LANES` parallel sums that are added up at the end.
 #[inline(always)]
 pub fn square_apart<const LANES: usize>(a: &[f32], b: &[f32]) -> f32 {
-    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest: f32 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| (a - b) * (a - b)).sum();
-    let mut sums = [0f32; LANES];
-    for (a, b) in a.zip(b) {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut rest = 0.;
+    for k in 0..a_rest.len() {
+        rest += (a_rest[k] - b_rest[k]) * (a_rest[k] - b_rest[k]);
+    }
+    let (b, mut sums) = (&b[..a.len()], [0f32; LANES]);
+    for k in 0..a.len() {
         for lane in 0..LANES {
-            sums[lane] += (a[lane] - b[lane]) * (a[lane] - b[lane]);
+            sums[lane] += (a[k][lane] - b[k][lane]) * (a[k][lane] - b[k][lane]);
         }
     }
     sums.iter().sum::<f32>() + rest

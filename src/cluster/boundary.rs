@@ -301,8 +301,14 @@ fn straighten(
 /// [`crate::base::Error::Cancelled`].
 pub fn interior_edge(graph: Csr<'_>, interior: impl Fn(usize) -> bool + Sync, run: &Run) -> Result<Vec<u32>> {
     let beside = |open: Vec<u32>| {
-        let beside = open.into_iter().flat_map(|node| graph.neighbours(node)).map(|(next, _)| next);
-        let mut beside: Vec<u32> = beside.filter(|&next| interior(next as usize)).collect();
+        let mut beside = Vec::new();
+        for node in open {
+            for (next, _) in graph.neighbours(node) {
+                if interior(next as usize) {
+                    beside.push(next);
+                }
+            }
+        }
         beside.sort_unstable();
         beside.dedup();
         beside
@@ -321,7 +327,11 @@ fn of_chunks(
     own: impl Fn(usize) -> bool + Sync,
     of: impl Fn(Vec<u32>) -> Vec<u32> + Sync,
 ) -> Result<Vec<u32>> {
-    let nodes_in = |range: Range<usize>| range.filter(|&i| own(i)).map(|i| i as u32).collect::<Vec<u32>>();
+    let nodes_in = |range: Range<usize>| {
+        let mut nodes: Vec<u32> = range.map(|i| i as u32).collect();
+        nodes.retain(|&i| own(i as usize));
+        nodes
+    };
     let parts = run.map_ranges(graph.len(), CHUNK, |range| {
         let nodes = nodes_in(range.clone());
         if run.is_paged(graph.indices) {

@@ -12,7 +12,7 @@
 use crate::base::Result;
 use crate::base::bit_set::BitSet;
 use crate::base::parallel::{chunk_range, entry_ends, parts_of};
-use crate::base::vector::{cross, length, minus, wide};
+use crate::base::vector::{MapEach, cross, length, minus, wide};
 use crate::graph::angle::between;
 use crate::graph::weights::concave;
 use crate::graph::{Metric, NodeView};
@@ -47,16 +47,17 @@ impl<'a> OwnTurning<'a> {
     }
 
     /// The edge between two nodes, which is as long as `length`: negative where they are wound against each other.
+    #[inline]
     pub fn edge(&self, node: u32, other: u32, length: f32) -> CreaseEdge {
-        let [a, b] = [node, other].map(|node| self.nodes.at(node as usize));
+        let (a, b) = (self.nodes.at(node as usize), self.nodes.at(other as usize));
         let step = minus(wide(b.centroid), wide(a.centroid));
-        let normal = std::array::from_fn(|axis| f64::from(a.normal[axis]) + f64::from(b.normal[axis]));
+        let normal = [0, 1, 2].map_each(|axis| f64::from(a.normal[axis]) + f64::from(b.normal[axis]));
         let along = cross(normal, step);
         let size = self::length(along);
         let factor = if length < 0. || concave(&a, &b) { 1. } else { self.eta };
         CreaseEdge {
-            middle: std::array::from_fn(|axis| 0.5 * (a.centroid[axis] + b.centroid[axis])),
-            along: if size > 0. { along.map(|x| (x / size) as f32) } else { [0.; 3] },
+            middle: [0, 1, 2].map_each(|axis| 0.5 * (a.centroid[axis] + b.centroid[axis])),
+            along: if size > 0. { along.map_each(|x| (x / size) as f32) } else { [0.; 3] },
             length: length.abs(),
             turning: self.beta * between(a.normal, b.normal) * factor,
         }
@@ -80,7 +81,7 @@ impl CreaseEdge {
     /// How much `other` counts for this edge; `per_length` is one over the mean length of the edges around.
     #[inline]
     fn weight(&self, other: &Self, per_length: f32) -> f32 {
-        let away: [f32; 3] = std::array::from_fn(|axis| (other.middle[axis] - self.middle[axis]) * per_length);
+        let away = [0, 1, 2].map_each(|axis| (other.middle[axis] - self.middle[axis]) * per_length);
         let along = product(away, self.along);
         let across = (product(away, away) - along * along).max(0.);
         let far = along * along * (0.5 / (ALONG * ALONG)) + across * (0.5 / (ACROSS * ACROSS));
@@ -131,19 +132,33 @@ pub fn averaged(
                 let end = nodes.len();
                 for at in ring..end {
                     let edges = if many(nodes[at]) { 0..0 } else { span(nodes[at]) };
-                    nodes.extend(edges.filter_map(&inside).filter(|&next| seen.add(next)));
+                    for e in edges {
+                        if let Some(next) = inside(e)
+                            && seen.add(next)
+                        {
+                            nodes.push(next);
+                        }
+                    }
                 }
                 ring = end;
             }
             // Each edge once: of two positions that were seen the lesser tells it.
             let is_first = |p: u32, e: usize| inside(e).is_none_or(|q| p < q || !seen.has(q));
             near.clear();
-            let few = nodes.iter().filter(|&&p| !many(p));
-            near.extend(few.flat_map(|&p| span(p).filter(move |&e| is_first(p, e))).map(|e| edges[e]));
+            for &p in &nodes {
+                for e in if many(p) { 0..0 } else { span(p) } {
+                    if is_first(p, e) {
+                        near.push(edges[e]);
+                    }
+                }
+            }
             nodes.iter().for_each(|&p| seen.remove(p));
             let per_length = near.len() as f32 / near.iter().map(|edge| edge.length).sum::<f32>();
             // The other end's edges are filled in below.
-            for e in span(i).filter(|&e| inside(e).is_none_or(|j| i <= j && !many(j))) {
+            for e in span(i) {
+                if inside(e).is_some_and(|j| j < i || many(j)) {
+                    continue;
+                }
                 let own = &edges[e];
                 let (mut sum, mut total) = (0., 0.);
                 for other in &near {

@@ -134,19 +134,33 @@ impl SimdKernel for NearestCentres<'_> {
         for (k, centre) in values.chunks_exact(dimensions.max(1)).enumerate() {
             square.fill(0.);
             for (&c, row) in centre.iter().zip(rows) {
-                for (s, &x) in square.iter_mut().zip(*row) {
-                    *s += (x - c) * (x - c);
-                }
+                add_squares(&mut square, c, row);
             }
-            for (((&s, label), first), second) in
-                square.iter().zip(label.iter_mut()).zip(first.iter_mut()).zip(second.iter_mut())
-            {
-                let nearer = s < *first;
-                *second = if nearer { *first } else { s.min(*second) };
-                *label = if nearer { k as u32 } else { *label };
-                *first = if nearer { s } else { *first };
-            }
+            keep_nearest(&square, k as u32, label, first, second);
         }
+    }
+}
+
+// Functions of their own: the compiler knows that their arguments do not overlap.
+
+#[inline(always)]
+fn add_squares(sum: &mut [f32], c: f32, x: &[f32]) {
+    let x = &x[..sum.len()];
+    for i in 0..sum.len() {
+        sum[i] += (x[i] - c) * (x[i] - c);
+    }
+}
+
+/// Takes centre `k` into account, which is as far as `square` says (squared).
+#[inline(always)]
+fn keep_nearest(square: &[f32], k: u32, label: &mut [u32], first: &mut [f32], second: &mut [f32]) {
+    let n = square.len();
+    let (label, first, second) = (&mut label[..n], &mut first[..n], &mut second[..n]);
+    for i in 0..n {
+        let nearer = square[i] < first[i];
+        second[i] = if nearer { first[i] } else { square[i].min(second[i]) };
+        label[i] = if nearer { k } else { label[i] };
+        first[i] = if nearer { square[i] } else { first[i] };
     }
 }
 
@@ -205,12 +219,11 @@ fn seed_centres(points: WeightedPoints<'_>, dimensions: usize, k: usize, purpose
     let (mut trial, mut chosen) = (vec![0f32; s], vec![0f32; s]);
     while centres.len() < k * dimensions {
         run.cancel.check()?;
-        let mut sum = 0.;
-        let mass = |(w, near): (&f64, &f32)| {
-            sum += if centres.is_empty() { *w } else { w * f64::from(*near) };
-            sum
-        };
-        let sums: Vec<f64> = points.weights.iter().zip(&near).map(mass).collect();
+        let (mut sum, mut sums) = (0., Vec::with_capacity(s));
+        for (i, w) in points.weights.iter().enumerate() {
+            sum += if centres.is_empty() { *w } else { w * f64::from(near[i]) };
+            sums.push(sum);
+        }
         let candidates = if centres.is_empty() { 1 } else { 2 + ln(k as f64) as usize };
         let mut best: Option<(f64, usize)> = None;
         for _ in 0..candidates {
@@ -325,10 +338,12 @@ impl SimdKernel for Margins<'_> {
 
     #[inline(always)]
     fn run(self) {
-        for ((margin, &first), &second) in self.out.iter_mut().zip(self.first).zip(self.second) {
-            let (first, second) = (first.sqrt(), second.sqrt());
+        let Self { first, second, out } = self;
+        let (first, second) = (&first[..out.len()], &second[..out.len()]);
+        for i in 0..out.len() {
+            let (first, second) = (first[i].sqrt(), second[i].sqrt());
             let known = second > 0. && second.is_finite();
-            *margin = (if known { 1. - first / second } else { 1. }).clamp(0., 1.);
+            out[i] = (if known { 1. - first / second } else { 1. }).clamp(0., 1.);
         }
     }
 }

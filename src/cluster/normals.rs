@@ -72,7 +72,7 @@ pub fn smoothed(
     let mut array = context.work.array::<[f32; 3]>(file, &[n, 3])?;
     context.run.fill_each(array.data(), CHUNK, |i, _| {
         let node = graph.nodes.at(i);
-        let near = near.of(owner_data[i]).map(|cell| &cells[cell as usize]);
+        let near = near.of(owner_data[i]).iter().map(|&cell| &cells[cell as usize]);
         smooth_normal(&node, near, factor)
     })?;
     drop(owner);
@@ -104,7 +104,7 @@ pub fn cell_front<'a>(graph: &'a DualGraph, seeds: &'a [u32], file: &'a str) -> 
 
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    (length > 1e-20).then(|| v.map(|x| x / length))
+    if length > 1e-20 { Some([v[0] / length, v[1] / length, v[2] / length]) } else { None }
 }
 
 /// A piece of the surface over which normals are smoothed.
@@ -146,7 +146,7 @@ pub(super) fn smooth_normal<'a>(node: &Node, near: impl Iterator<Item = &'a Smoo
     unit(sum).unwrap_or(node.normal)
 }
 
-/// Which cells share an edge.
+/// Each cell, and those that share an edge with it.
 struct CellNeighbours {
     start: Vec<usize>,
     list: Vec<u32>,
@@ -155,12 +155,11 @@ struct CellNeighbours {
 impl CellNeighbours {
     /// The cell `own` and its neighbours; nothing for no cell, `u32::MAX`.
     #[inline]
-    fn of(&self, own: u32) -> impl Iterator<Item = u32> + '_ {
-        let list = match self.start.get(own as usize..) {
+    fn of(&self, own: u32) -> &[u32] {
+        match self.start.get(own as usize..) {
             Some(&[first, last, ..]) => &self.list[first..last],
             _ => &[],
-        };
-        (own != u32::MAX).then_some(own).into_iter().chain(list.iter().copied())
+        }
     }
 }
 
@@ -190,14 +189,17 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
     pairs.sort();
     pairs.dedup();
     let pairs = thinned(&pairs);
-    let mut start = vec![0; cells + 1];
-    for pair in &pairs {
-        start[(pair >> 32) as usize + 1] += 1;
+    let (mut start, mut list) = (Vec::with_capacity(cells + 1), Vec::with_capacity(cells + pairs.len()));
+    let mut pairs = pairs.into_iter().peekable();
+    for cell in 0..cells as u64 {
+        start.push(list.len());
+        list.push(cell as u32);
+        while let Some(pair) = pairs.next_if(|pair| pair >> 32 == cell) {
+            list.push(pair as u32);
+        }
     }
-    for c in 0..cells {
-        start[c + 1] += start[c];
-    }
-    Ok(CellNeighbours { start, list: pairs.into_iter().map(|pair| pair as u32).collect() })
+    start.push(list.len());
+    Ok(CellNeighbours { start, list })
 }
 
 /// Of more than twice as many neighbours of a cell, at least this many are kept. Cells of a surface have some six; one
@@ -228,13 +230,19 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     let mut next = normals.clone();
     for _ in 0..rounds {
         // Weighted once instead of once per neighbour.
-        let weighted: Vec<[f32; 3]> =
-            normals.iter().enumerate().map(|(i, normal)| normal.map(|x| x * shares.at(i))).collect();
+        let weighted = |i: usize| {
+            let ([x, y, z], share) = (normals[i], shares.at(i));
+            [x * share, y * share, z * share]
+        };
+        let weighted: Vec<[f32; 3]> = (0..n).map(weighted).collect();
         context.run.fill_each(&mut next, CHUNK, |i, _| {
             let mut sum = weighted[i];
             // Bridges have length 0 and do not count as adjacent here.
-            for (j, _) in shared.neighbours(i as u32).filter(|(_, edge)| *edge != 0.) {
-                (0..3).for_each(|axis| sum[axis] += weighted[j as usize][axis]);
+            for (j, edge) in shared.neighbours(i as u32) {
+                if edge != 0. {
+                    let [x, y, z] = weighted[j as usize];
+                    sum = [sum[0] + x, sum[1] + y, sum[2] + z];
+                }
             }
             unit(sum).unwrap_or(normals[i])
         })?;

@@ -85,8 +85,9 @@ impl Steps for Plain<'_> {
     #[inline(always)]
     fn each(self, node: u32, mut visit: impl FnMut(u32, f32)) {
         let span = self.span(node);
-        for (next, weight) in self.csr.indices[span.clone()].iter().zip(&self.csr.weights[span]) {
-            visit(*next, *weight);
+        let (next, weights) = (&self.csr.indices[span.clone()], &self.csr.weights[span]);
+        for k in 0..next.len() {
+            visit(next[k], weights[k]);
         }
     }
 }
@@ -124,8 +125,8 @@ impl Steps for Packed<'_> {
             }
             None => {
                 let (next, weights) = many(self.csr, node);
-                for (&next, &weight) in next.iter().zip(weights) {
-                    visit(next, weight);
+                for k in 0..next.len() {
+                    visit(next[k], weights[k]);
                 }
             }
         }

@@ -4,6 +4,8 @@
 //! length contributes. `2 asin(|a − b| / 2)` keeps them. We use our own polynomial, so that results do not depend on
 //! the system's mathematical library.
 
+use crate::base::vector::is_zero;
+
 /// `asin(x)` for `x` in `[0, 1]`, to 3e-7 relative; other values are clamped.
 #[inline]
 pub fn asin(x: f32) -> f32 {
@@ -22,8 +24,7 @@ pub fn asin(x: f32) -> f32 {
 /// direction).
 #[inline]
 pub fn between(a: [f32; 3], b: [f32; 3]) -> f32 {
-    let zero = [0f32; 3];
-    if a == zero || b == zero {
+    if is_zero(a) || is_zero(b) {
         return 0.;
     }
     2. * asin(0.5 * chord2(a, b).sqrt())

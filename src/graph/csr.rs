@@ -149,7 +149,8 @@ impl<'a> Csr<'a> {
     #[inline(always)]
     pub fn neighbours(self, node: u32) -> impl Iterator<Item = (u32, f32)> + Clone + 'a {
         let span = self.span(node);
-        self.indices[span.clone()].iter().copied().zip(self.weights[span].iter().copied())
+        let (indices, weights) = (&self.indices[span.clone()], &self.weights[span]);
+        (0..indices.len()).map(move |k| (indices[k], weights[k]))
     }
 
     /// Prefetches the first edges from `node`.

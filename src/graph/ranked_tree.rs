@@ -13,6 +13,7 @@
 use crate::base::Result;
 use crate::base::bounds::Bounds;
 use crate::base::parallel::run_concurrently;
+use crate::base::vector::MapEach;
 use crate::store::npy::{ArrayMut, Item};
 use crate::store::{Context, Run};
 use bytemuck::{Pod, Zeroable};
@@ -125,20 +126,20 @@ impl RankedTree {
                 continue;
             }
             if i >= leaves {
-                for point in points[span(i, points.len())].iter().filter(|point| point.rank < rank) {
-                    let distance = square(std::array::from_fn(|axis| at[axis] - point.at[axis]));
-                    if best.1.is_none() || distance < best.0 {
+                for point in &points[span(i, points.len())] {
+                    let distance = square([0, 1, 2].map_each(|axis| at[axis] - point.at[axis]));
+                    if point.rank < rank && (best.1.is_none() || distance < best.0) {
                         best = (distance, Some(point.node));
                     }
                 }
                 continue;
             }
-            let mut below = [2 * i, 2 * i + 1].map(|j| (boxes[j].bounds.square_from(at), j));
+            let mut below = [2 * i, 2 * i + 1].map_each(|j| (boxes[j].bounds.square_from(at), j));
             // The nearer one is pushed last, so that it is searched first.
             if below[0].0 <= below[1].0 {
                 below.swap(0, 1);
             }
-            waiting[height..height + 2].copy_from_slice(&below);
+            (waiting[height], waiting[height + 1]) = (below[0], below[1]);
             height += 2;
         }
         best.1.map(|node| (best.0, node))

@@ -156,11 +156,14 @@ impl SimdKernel for FarthestBlock<'_> {
             let mut tops = [f32::NEG_INFINITY; 32];
             let (lanes, rest) = block.as_chunks::<32>();
             for lanes in lanes {
-                for (top, &d) in tops.iter_mut().zip(lanes) {
-                    *top = greater(*top, d);
+                for lane in 0..32 {
+                    tops[lane] = greater(tops[lane], lanes[lane]);
                 }
             }
-            let top = tops.iter().chain(rest).copied().fold(f32::NEG_INFINITY, greater);
+            let mut top = f32::NEG_INFINITY;
+            for d in tops.iter().chain(rest) {
+                top = greater(top, *d);
+            }
             if top > best {
                 (best, at) = (top, k);
             }

@@ -12,6 +12,7 @@
 use super::cholesky::{Factor, LEAST_PIVOT, mean};
 use super::{Found, Sampler, SamplingParams, Space};
 use crate::base::random::{Random, below, stream};
+use crate::base::vector::axpy;
 use crate::base::{Result, eigen};
 use nalgebra::DMatrix;
 use std::collections::BTreeMap;
@@ -142,7 +143,7 @@ impl Search {
         for e in (0..l).filter(|&e| values[e] > cut && values[e] > LEAST_PIVOT) {
             let mut dot = vec![0f64; self.free.len()];
             for (k, row) in rows.iter().enumerate() {
-                dot.iter_mut().zip(row).for_each(|(d, w)| *d += vectors[(k, e)] * w);
+                axpy(&mut dot, vectors[(k, e)], row);
             }
             landmarks.iter().for_each(|&j| dot[j] = 0.);
             sum += dot.iter().map(|d| d * d).sum::<f64>() / values[e];

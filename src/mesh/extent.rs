@@ -26,6 +26,7 @@ pub type BoundingBox = [[f64; 3]; 2];
 pub(crate) const EMPTY: BoundingBox = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
 
 /// Grows a box to contain the points `p` and `q`; no coordinate of `q` is less than that of `p`.
+#[inline]
 pub(crate) fn grow([low, high]: &mut BoundingBox, p: [f64; 3], q: [f64; 3]) {
     for axis in 0..3 {
         (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(q[axis]));
@@ -60,8 +61,11 @@ impl Mesh {
         let positions = &self.positions;
         let of_vertices = |range: Range<usize>| {
             let mut extent = EMPTY;
-            for p in range.map(|v| positions.get(v as u32)).filter(|&p| finite(p)) {
-                grow(&mut extent, p, p);
+            for v in range {
+                let p = positions.get(v as u32);
+                if finite(p) {
+                    grow(&mut extent, p, p);
+                }
             }
             Ok(extent)
         };
@@ -102,9 +106,11 @@ impl Mesh {
         vertices.iter().for_each(|&v| table[bit(v).0] |= bit(v).1);
         let look = |range: Range<usize>| {
             self.faces.for_each(range, |_, corners| {
-                for &corner in corners.iter().filter(|&&corner| table[bit(corner).0] & bit(corner).1 != 0) {
-                    for (_, used) in vertices.iter().zip(&used).filter(|(vertex, _)| **vertex == corner) {
-                        used.store(true, Relaxed);
+                for &corner in corners {
+                    if table[bit(corner).0] & bit(corner).1 != 0 {
+                        for (_, used) in vertices.iter().zip(&used).filter(|(vertex, _)| **vertex == corner) {
+                            used.store(true, Relaxed);
+                        }
                     }
                 }
             });

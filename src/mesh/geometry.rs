@@ -8,7 +8,7 @@
 use super::ply::document::Document;
 use super::polygon;
 use super::positions::{Positions, StridedLayout, check_fit, four};
-use crate::base::vector::finite;
+use crate::base::vector::{MapEach, finite};
 use crate::base::{Error, Result};
 use crate::store::{Context, MappedBytes, MappedSlice, PrivateFolder, Run};
 use std::convert::Infallible;
@@ -45,7 +45,7 @@ pub enum Faces {
 #[inline]
 fn triangle(bytes: &[u8], start: usize) -> [u32; 3] {
     let record = &bytes[start..start + 12];
-    [0, 4, 8].map(|k| u32::from_le_bytes(four(&record[k..k + 4])))
+    [u32::from_le_bytes(four(record)), u32::from_le_bytes(four(&record[4..])), u32::from_le_bytes(four(&record[8..]))]
 }
 
 impl Faces {
@@ -399,9 +399,9 @@ impl Mesh {
     pub fn triangles(&self, corners: &[u32], mut visit: impl FnMut([u32; 3], [[f64; 3]; 3])) {
         let at = |k: usize| self.positions.get(corners[k]);
         polygon::triangles_of(corners.len(), at, |numbers| {
-            let places = numbers.map(at);
-            if places.iter().all(|&p| finite(p)) {
-                visit(numbers.map(|k| corners[k]), places);
+            let places = numbers.map_each(at);
+            if finite(places[0]) && finite(places[1]) && finite(places[2]) {
+                visit(numbers.map_each(|k| corners[k]), places);
             }
         });
     }

@@ -339,7 +339,7 @@ pub fn touching(
             shared.will_need(range.clone(), run);
             run.will_need(labels, range.clone());
         }
-        let all = range.filter(|_| few.is_none());
+        let all = if few.is_none() { range } else { 0..0 };
         for i in few.unwrap_or_default().iter().map(|&node| node as usize).chain(all) {
             for (e, j) in shared.entries(i as u32) {
                 let j = j as usize;

@@ -18,6 +18,7 @@
 
 use super::kernel::Kernel;
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::vector::axpy;
 use crate::base::{Result, eigen};
 use crate::distance::DistanceRows;
 use crate::store::Run;
@@ -327,7 +328,7 @@ impl<'a> PreprocessedBlock<'a> {
     fn degrees(&self, m: usize, columns: &[f64]) -> Vec<f64> {
         let mut degrees = vec![0.; m];
         for (row, c) in columns.chunks_exact(m).zip(&self.degrees.toward) {
-            degrees.iter_mut().zip(row).for_each(|(d, w)| *d += c * w);
+            axpy(&mut degrees, *c, row);
         }
         degrees.iter_mut().for_each(|d| *d = d.max(self.degrees.floor));
         degrees

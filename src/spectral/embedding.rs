@@ -25,6 +25,7 @@ use super::kernel::Kernel;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::random::{stratified, stream};
 use crate::base::simd::{SimdKernel, dispatch};
+use crate::base::vector::axpy;
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
 use crate::store::Run;
@@ -346,36 +347,23 @@ impl SimdKernel for Extrapolated<'_> {
         };
         for (k, affinities) in affinities.chunks_exact(m).enumerate() {
             for (y, map) in out.chunks_exact_mut(m).zip(embedding.map.chunks_exact(embedding.landmarks)) {
-                add_scaled(y, map[k], affinities);
+                axpy(y, map[k], affinities);
             }
             if let Divisor::Linear(c, _) | Divisor::Root(c, _) = &embedding.divisor {
-                add_scaled(&mut divisor, c[k], affinities);
+                axpy(&mut divisor, c[k], affinities);
             }
         }
         if embedding.unit_rows {
             unit_columns(m, out, &mut divisor);
             return;
         }
-        match embedding.divisor {
-            Divisor::One => {}
-            Divisor::Linear(..) => divide(m, out, divisor.iter().copied()),
-            Divisor::Root(_, floor) => divide(m, out, divisor.iter().map(|&s| s.max(floor).sqrt())),
+        if let Divisor::Root(_, floor) = embedding.divisor {
+            divisor.iter_mut().for_each(|s| *s = s.max(floor).sqrt());
         }
-    }
-}
-
-#[inline(always)]
-fn add_scaled(y: &mut [f32], factor: f32, x: &[f32]) {
-    for (y, &x) in y.iter_mut().zip(x) {
-        *y += factor * x;
-    }
-}
-
-#[inline(always)]
-fn divide(m: usize, out: &mut [f32], by: impl Iterator<Item = f32> + Clone) {
-    for y in out.chunks_exact_mut(m) {
-        for (y, s) in y.iter_mut().zip(by.clone()) {
-            *y /= s;
+        for y in out.chunks_exact_mut(m) {
+            for i in 0..divisor.len() {
+                y[i] /= divisor[i];
+            }
         }
     }
 }

@@ -19,6 +19,7 @@ use super::{eigen, laplacian};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::simd::{SimdKernel, dispatch};
+use crate::base::vector::axpy;
 use crate::distance::local_rows::LocalRows;
 use crate::graph::{Node, VertexGraph};
 use crate::store::{Context, MappedSlice, Run};
@@ -60,7 +61,7 @@ impl SimdKernel for Add<'_> {
 
     #[inline(always)]
     fn run(self) {
-        self.out.iter_mut().zip(self.row).for_each(|(out, x)| *out += self.scale * x);
+        axpy(self.out, self.scale, self.row);
     }
 }
 
@@ -79,7 +80,7 @@ impl SimdKernel for AddMoments<'_> {
         let r = self.row.len();
         for (i, sums) in self.moments.chunks_exact_mut(r.max(1)).enumerate() {
             let scale = self.weight * self.row[i];
-            sums[..=i].iter_mut().zip(self.row).for_each(|(sum, x)| *sum += scale * x);
+            axpy(&mut sums[..=i], scale, self.row);
         }
     }
 }

@@ -175,9 +175,9 @@ impl SimdKernel for SquaredNorms<'_> {
                 *sum = [0.; LANES];
                 for j in b * BLOCK..m.min((b + 1) * BLOCK) {
                     let mut dot = [0f32; LANES];
-                    for (lanes, row) in factors.iter().zip(affinities.chunks_exact(m)) {
+                    for k in 0..l {
                         for lane in 0..LANES {
-                            dot[lane] += lanes[lane] * row[j];
+                            dot[lane] += factors[k][lane] * affinities[k * m + j];
                         }
                     }
                     for lane in 0..LANES {

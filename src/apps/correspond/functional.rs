@@ -9,6 +9,7 @@
 //! product is summed in the same order, whatever the vector width.
 
 use crate::base::simd::{SimdKernel, dispatch};
+use crate::base::vector::{MapEach, axpy};
 use nalgebra::DMatrix;
 
 /// Points compared at a time.
@@ -117,9 +118,9 @@ impl SimdKernel for Nearest<'_> {
         // |x − y|² / 2 = |x|²/2 − (x·y − |y|²/2): the greatest difference is the nearest point.
         let mut best = [[f32::NEG_INFINITY; LANES]; QUERIES];
         let mut at = [[0u32; LANES]; QUERIES];
-        let queries = self.queries.map(|query| &query[..*dimensions]);
+        let queries = self.queries.map_each(|query| &query[..*dimensions]);
         for (k, half) in halves.iter().enumerate() {
-            let block = &blocks[k * dimensions..(k + 1) * dimensions];
+            let block = &blocks[k * dimensions..][..*dimensions];
             let mut sums = [[0f32; LANES]; QUERIES];
             for (d, y) in block.iter().enumerate() {
                 for q in 0..QUERIES {
@@ -173,9 +174,10 @@ impl SimdKernel for Products<'_> {
         for &(i, j) in self.pairs {
             x.iter_mut().zip(self.a.at(i as usize)).for_each(|(x, &from)| *x = f64::from(from));
             y.iter_mut().zip(self.b.at(j as usize)).for_each(|(y, &from)| *y = f64::from(from));
+            let (x, y) = (&x[..k], &y[..m]);
             for (r, &scale) in x.iter().enumerate() {
-                square[r * k..(r + 1) * k].iter_mut().zip(&x).for_each(|(sum, x)| *sum += scale * x);
-                mixed[r * m..(r + 1) * m].iter_mut().zip(&y).for_each(|(sum, y)| *sum += scale * y);
+                axpy(&mut square[r * k..][..k], scale, x);
+                axpy(&mut mixed[r * m..][..m], scale, y);
             }
         }
         [square, mixed]
@@ -227,7 +229,7 @@ impl SimdKernel for ApplyMap<'_> {
         let k = self.out.len();
         self.out.fill(0.);
         for (i, &x) in self.from.iter().enumerate() {
-            self.out.iter_mut().zip(&self.map[i * k..(i + 1) * k]).for_each(|(out, c)| *out += x * c);
+            axpy(self.out, x, &self.map[i * k..]);
         }
     }
 }

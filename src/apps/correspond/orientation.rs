@@ -8,6 +8,7 @@
 
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::vector::MapEach;
 use crate::graph::vertex_graph::triangles;
 use crate::mesh::Mesh;
 use crate::spectral::nystrom::Point;
@@ -53,9 +54,9 @@ impl Tensor {
             let mut sum = vec![0f64; triples.len()];
             mesh.faces.for_each(chunk_range(n, CHUNK, k), |_, corners| {
                 triangles(mesh, corners, |corners, _| {
-                    let rows = corners.map(|v| &points[v as usize]);
+                    let rows = corners.map_each(|v| points[v as usize]);
                     for (sum, axes) in sum.iter_mut().zip(&triples) {
-                        *sum += determinant(rows.map(|row| axes.map(|axis| f64::from(row[axis])))) / 6.;
+                        *sum += determinant(rows.map_each(|row| axes.map_each(|axis| f64::from(row[axis])))) / 6.;
                     }
                 });
             });

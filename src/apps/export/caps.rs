@@ -86,7 +86,11 @@ impl EdgesAtCuts {
             chunks().try_for_each(|faces| {
                 run.cancel.check()?;
                 mesh.faces.for_each(faces, |_, corners| {
-                    if corners.iter().filter(|&&v| parts[v as usize] == SEVERAL).count() > 1 {
+                    let mut several = 0;
+                    for &v in corners {
+                        several += usize::from(parts[v as usize] == SEVERAL);
+                    }
+                    if several > 1 {
                         mesh.triangles(corners, |[a, b, c], _| {
                             [[a, b], [b, c], [c, a]].into_iter().filter(meet).map(ends).for_each(&mut *visit);
                         });

@@ -12,7 +12,7 @@
 use super::by_part::{PartFaces, each_part};
 use super::{CHUNK, parts, scratch_beside};
 use crate::apps::vertex_sums::VertexSums;
-use crate::base::vector::area;
+use crate::base::vector::{MapEach, area};
 use crate::base::{Error, Result};
 use crate::graph::Frame;
 use crate::mesh::output::{Gather, publish};
@@ -202,10 +202,11 @@ impl<'a> Scene<'a> {
     }
 
     /// The position of vertex `v` in the file; a non-finite vertex is put in the centre, as no written face uses it.
+    #[inline]
     fn place(&self, v: u32) -> [f32; 3] {
         let p = self.mesh.positions.get(v);
-        let p = [0, 1, 2].map(|k| (p[k] - self.middle[k]) as f32);
-        if p.iter().all(|x| x.is_finite()) { p } else { [0.; 3] }
+        let p = [0, 1, 2].map_each(|k| (p[k] - self.middle[k]) as f32);
+        if p[0].is_finite() && p[1].is_finite() && p[2].is_finite() { p } else { [0.; 3] }
     }
 
     fn is_in_space(&self, v: u32) -> bool {

@@ -17,7 +17,7 @@ pub use table::table;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::sort::{map_of, sort_by};
 use crate::base::union_find::Forest;
-use crate::base::vector::{finite, position_key};
+use crate::base::vector::{MapEach, finite, position_key};
 use crate::base::{Error, Result};
 use crate::graph::{Csr, DualGraph, GraphFacts};
 use crate::mesh::Mesh;
@@ -118,7 +118,7 @@ impl Faces<'_> {
     fn edge(&self, (face, k): (u32, u32)) -> [[u64; 3]; 2] {
         self.mesh.faces.with(face as usize, |corners| {
             let before = if k == 0 { corners.len() - 1 } else { k as usize - 1 };
-            [corners[before], corners[k as usize]].map(|v| position_key(self.mesh.positions.get(v)))
+            [corners[before], corners[k as usize]].map_each(|v| position_key(self.mesh.positions.get(v)))
         })
     }
 
@@ -216,11 +216,11 @@ impl Faces<'_> {
             let mine = sums.entry(label).or_default();
             mine.faces += 1;
             if self.is_in_space(corners) {
-                self.mesh.triangles(corners, |_, at| mine.triangle(at.map(|p| self.unit.place(p))));
+                self.mesh.triangles(corners, |_, at| mine.triangle(at.map_each(|p| self.unit.place(p))));
             }
             let edge = |k: usize| {
                 let ends = [corners[k], corners[if k + 1 == corners.len() { 0 } else { k + 1 }]];
-                ends.map(|v| self.mesh.positions.get(v))
+                ends.map_each(|v| self.mesh.positions.get(v))
             };
             for k in 0..corners.len() {
                 let [from, to] = edge(k);

@@ -1,7 +1,7 @@
 //! Sums over the faces of one label, and the measurements computed from them.
 
 use crate::base::moments::principal_axes;
-use crate::base::vector::{area, cross, distance, dot, minus};
+use crate::base::vector::{MapEach, area, cross, distance, dot, minus};
 use crate::graph::Frame;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -87,14 +87,14 @@ impl Sums {
             }
         }
         self.area += area;
-        let sum = [0, 1, 2].map(|axis| at[0][axis] + at[1][axis] + at[2][axis]);
+        let sum = [0, 1, 2].map_each(|axis| at[0][axis] + at[1][axis] + at[2][axis]);
         for axis in 0..3 {
             self.first[axis] += area * sum[axis] / 3.;
         }
         // The second moment of a triangle: A/12 (Σ p pᵀ + s sᵀ), s = Σ p.
-        for (moment, [i, j]) in self.second.iter_mut().zip(PAIRS) {
-            let own: f64 = at.iter().map(|p| p[i] * p[j]).sum();
-            *moment += area / 12. * (own + sum[i] * sum[j]);
+        for (k, [i, j]) in PAIRS.into_iter().enumerate() {
+            let own = at[0][i] * at[0][j] + at[1][i] * at[1][j] + at[2][i] * at[2][j];
+            self.second[k] += area / 12. * (own + sum[i] * sum[j]);
         }
     }
 
@@ -163,11 +163,11 @@ impl Unit {
     }
 
     pub fn place(self, p: [f64; 3]) -> [f64; 3] {
-        minus(p, self.origin).map(|x| x / self.unit)
+        minus(p, self.origin).map_each(|x| x / self.unit)
     }
 
     pub fn distance(self, a: [f64; 3], b: [f64; 3]) -> f64 {
-        distance(a.map(|x| x / self.unit), b.map(|x| x / self.unit))
+        distance(a.map_each(|x| x / self.unit), b.map_each(|x| x / self.unit))
     }
 
     /// Converts `value`, a length to the power of `dimensions`, back to units of the file.

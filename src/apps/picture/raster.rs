@@ -8,6 +8,7 @@
 use super::camera::{Camera, Extent, Vec3};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::vector::MapEach;
 use crate::mesh::Mesh;
 use crate::store::Run;
 use std::ops::Range;
@@ -83,7 +84,7 @@ impl Canvas {
         let n = mesh.faces.len();
         let chunk = |k, (): &mut ()| {
             each_triangle(mesh, chunk_range(n, DRAWN, k), |face, _, at| {
-                self.triangle(at.map(|p| camera.project(p)), face as u32);
+                self.triangle(at.map_each(|p| camera.project(p)), face as u32);
             });
             Ok(())
         };
@@ -94,7 +95,7 @@ impl Canvas {
     #[inline]
     pub(super) fn triangle(&self, mut at: [Vec3; 3], item: u32) {
         let snap = |x: f64| (x * STEPS as f64).round() as i64;
-        let mut p = at.map(|p| [snap(p[0]), snap(p[1])]);
+        let mut p = at.map_each(|p| [snap(p[0]), snap(p[1])]);
         let side =
             |a: [i64; 2], b: [i64; 2], c: [i64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
         let mut area = side(p[0], p[1], p[2]);
@@ -127,14 +128,14 @@ impl Canvas {
             (side(a, b, start) - i64::from(!top_left), right, down)
         };
         let edges = [edge(p[1], p[2]), edge(p[2], p[0]), edge(p[0], p[1])];
-        let mut row = edges.map(|(value, ..)| value);
+        let mut row = edges.map_each(|(value, ..)| value);
         let unit = 1.0 / area as f64;
         let (lowest, highest) = (at[0][2].min(at[1][2]).min(at[2][2]), at[0][2].max(at[1][2]).max(at[2][2]));
         for y in rows {
             let line = y as usize * self.width;
             let within =
                 if columns.end - columns.start > WIDE { span(&row, &edges, columns.clone()) } else { columns.clone() };
-            let mut inside: [i64; 3] = std::array::from_fn(|k| row[k] + (within.start - columns.start) * edges[k].1);
+            let mut inside = [0, 1, 2].map_each(|k| row[k] + (within.start - columns.start) * edges[k].1);
             for x in within {
                 if inside[0] | inside[1] | inside[2] >= 0 {
                     let share = |k: usize| inside[k] as f64 * unit;
@@ -166,7 +167,8 @@ impl Canvas {
 /// first column. An edge function changes by its second number from one column to the next.
 fn span(row: &[i64; 3], edges: &[(i64, i64, i64); 3], columns: Range<i64>) -> Range<i64> {
     let (mut first, mut end) = (columns.start, columns.end);
-    for (&value, &(_, right, _)) in row.iter().zip(edges) {
+    for k in 0..3 {
+        let (value, (_, right, _)) = (row[k], edges[k]);
         if right > 0 && value < 0 {
             first = first.max(columns.start + (-value + right - 1) / right);
         } else if right < 0 && value >= 0 {

@@ -7,7 +7,7 @@ use super::camera::{Camera, Vec3};
 use super::raster::{Canvas, Hit, triangles_of};
 use super::vertex_normals::VertexNormals;
 use crate::base::Result;
-use crate::base::vector::{add_scaled, double_area, finite, minus, unit};
+use crate::base::vector::{MapEach, add_scaled, double_area, finite, is_zero, minus, unit};
 use crate::mesh::Mesh;
 use crate::mesh::polygon::double_area_vector;
 use crate::store::Run;
@@ -25,6 +25,7 @@ pub(super) type Packed = [i16; 2];
 const REACH: usize = 2;
 
 /// Packs a normal given in the frame, flipped to face the viewer.
+#[inline]
 fn pack(n: Vec3) -> Packed {
     let sign = if n[2] < 0.0 { -32767.0 } else { 32767.0 };
     [(n[0] * sign) as i16, (n[1] * sign) as i16]
@@ -32,16 +33,17 @@ fn pack(n: Vec3) -> Packed {
 
 /// Packs an interpolated normal of a face whose own normal is `face`: flipped like the face, and, if it still faces
 /// away from the viewer, as may happen near an outline, bent until it is just visible.
+#[inline]
 fn pack_seen(n: Vec3, face: Vec3) -> Packed {
     let sign = if face[2] < 0.0 { -1.0 } else { 1.0 };
     let seen = [sign * n[0], sign * n[1], (sign * n[2]).max(0.0)];
-    pack(if seen == [0.0; 3] { face } else { unit(seen) })
+    pack(if is_zero(seen) { face } else { unit(seen) })
 }
 
 /// Components to the right, up, and towards the viewer.
 #[inline]
 pub(super) fn unpack(packed: Packed) -> [f32; 3] {
-    let [x, y] = packed.map(|x| f32::from(x) / 32767.0);
+    let [x, y] = packed.map_each(|x| f32::from(x) / 32767.0);
     [x, y, (1.0 - x * x - y * y).max(0.0).sqrt()]
 }
 
@@ -85,11 +87,11 @@ pub(super) fn normals(
             if last != Some(hit.item) {
                 triangles_of(mesh, hit.item as usize, |corners, at| {
                     let own = unit(double_area(at));
-                    let normals = corners.map(|corner| vertex_normals.map_or(own, |all| all.at(corner, own)));
+                    let normals = corners.map_each(|corner| vertex_normals.map_or(own, |all| all.at(corner, own)));
                     known.push(Corner {
-                        at: at.map(|p| camera.project(p)),
+                        at: at.map_each(|p| camera.project(p)),
                         own: camera.frame.of(own),
-                        normals: normals.map(|n| camera.frame.of(n)),
+                        normals: normals.map_each(|n| camera.frame.of(n)),
                     });
                 });
                 last = Some(hit.item);
@@ -115,6 +117,7 @@ fn polygon_normal(mesh: &Mesh, corners: &[u32]) -> Vec3 {
 }
 
 /// The normal at a point of a face's triangles, in the one that contains it best.
+#[inline]
 fn interpolate(triangles: &[Corner], x: f64, y: f64) -> Packed {
     let mut best = (f64::NEG_INFINITY, [0.0; 3], [0.0; 3]);
     for triangle in triangles {
@@ -125,12 +128,12 @@ fn interpolate(triangles: &[Corner], x: f64, y: f64) -> Packed {
         if total == 0.0 {
             continue;
         }
-        let shares = areas.map(|area| area / total);
-        let inside = shares.iter().copied().fold(f64::INFINITY, f64::min);
+        let shares = areas.map_each(|area| area / total);
+        let inside = shares[0].min(shares[1]).min(shares[2]);
         if inside > best.0 {
             let mut sum = [0.0; 3];
-            for (share, normal) in shares.iter().zip(triangle.normals) {
-                sum = add_scaled(sum, share.max(0.0), normal);
+            for k in 0..3 {
+                sum = add_scaled(sum, shares[k].max(0.0), triangle.normals[k]);
             }
             best = (inside, sum, triangle.own);
         }
@@ -159,7 +162,7 @@ fn smooth(normals: &[Packed], canvas: &Canvas, step: usize, run: &Run) -> Result
                         (0..3).for_each(|axis| sum[axis] += normal[axis]);
                     }
                 }
-                *out = pack(unit(sum.map(f64::from)));
+                *out = pack(unit(sum.map_each(f64::from)));
             }
             Ok(())
         },
@@ -209,6 +212,7 @@ impl Pixels {
         Ok(Self { width, depth, normal })
     }
 
+    #[inline]
     fn height(&self) -> usize {
         self.depth.len() / self.width.max(1)
     }
@@ -272,6 +276,7 @@ fn points(turn: usize, size: f64) -> [[f32; 2]; POINTS] {
     })
 }
 
+#[inline]
 fn one(pixels: &Pixels, x: usize, y: usize, points: &[[f32; 2]; POINTS], size: f32) -> f32 {
     let depth = pixels.depth[y * pixels.width + x];
     if depth == NOTHING {
@@ -329,6 +334,7 @@ impl Lines {
 
     /// The share of light that lines leave at the sample (`x`, `y`), which has the content `hit`: 1 away from all
     /// lines.
+    #[inline]
     pub(super) fn light(&self, canvas: &Canvas, x: usize, y: usize, hit: Hit, parts: bool) -> f32 {
         let at = |[dx, dy]: [isize; 2]| {
             let (i, j) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
@@ -399,6 +405,7 @@ impl View<'_> {
         Ok(pixels)
     }
 
+    #[inline]
     fn pixel(&self, x: usize, y: usize, open: f32) -> Pixel {
         let mut sum = [0.0; 4];
         for sample in 0..self.factor * self.factor {
@@ -406,13 +413,13 @@ impl View<'_> {
             let cell = j * self.canvas.width + i;
             let Some(hit) = self.canvas.get(cell) else { continue };
             let colour =
-                self.colours.get(hit.item as usize).unwrap_or(&GREY).map(|part| self.light_of[usize::from(part)]);
+                self.colours.get(hit.item as usize).unwrap_or(&GREY).map_each(|part| self.light_of[usize::from(part)]);
             let line = self.lines.map_or(1.0, |lines| lines.light(self.canvas, i, j, hit, self.parts));
             let lit = light(colour, unpack(self.normals[cell]), open);
             (0..3).for_each(|k| sum[k] += lit[k] * line);
             sum[3] += 1.0;
         }
-        sum.map(|x| x / (self.factor * self.factor) as f32)
+        sum.map_each(|x| x / (self.factor * self.factor) as f32)
     }
 }
 
@@ -428,10 +435,11 @@ fn light(colour: [f32; 3], normal: [f32; 3], open: f32) -> [f32; 3] {
     // A faint highlight, halfway between the key light and the viewer.
     let half = [KEY[0] / 1.822, KEY[1] / 1.822, (KEY[2] + 1.0) / 1.822];
     let gloss = 0.06 * along(half).max(0.0).powi(24) * open;
-    colour.map(|c| c * diffuse + gloss)
+    colour.map_each(|c| c * diffuse + gloss)
 }
 
 /// Converts linear light to a stored byte.
+#[inline]
 pub(super) fn stored(x: f32) -> u8 {
     let x = x.clamp(0.0, 1.0);
     let x = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };

@@ -9,7 +9,7 @@ use super::camera::Vec3;
 use crate::apps::vertex_sums::{CHUNK, SMOOTH, VertexSums, each_corner};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::vector::{add_scaled, dot, unit};
+use crate::base::vector::{MapEach, add_scaled, dot, is_zero, unit};
 use crate::mesh::Mesh;
 use crate::store::{Context, Run, ScratchArray, WorkDir};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -57,6 +57,7 @@ impl VertexNormals {
     }
 
     /// The normal at a corner of a face whose own unit normal is `face`.
+    #[inline]
     pub(super) fn at(&self, corner: u32, face: Vec3) -> Vec3 {
         let Some(smooth) = self.sums.normal(corner) else { return face };
         match self.creases.as_ref().and_then(|creases| creases.at(corner)) {
@@ -66,7 +67,7 @@ impl VertexNormals {
             Some(corners) => {
                 let mut sum = [0.0; 3];
                 for corner in corners {
-                    let normal = corner.map(f64::from);
+                    let normal = corner.map_each(f64::from);
                     let sure = dot(normal, normal).sqrt();
                     // A face of opposite winding still belongs to the same surface.
                     let along = dot(normal, face);
@@ -74,7 +75,7 @@ impl VertexNormals {
                         sum = add_scaled(sum, along.signum(), normal);
                     }
                 }
-                if sum == [0.0; 3] { face } else { unit(sum) }
+                if is_zero(sum) { face } else { unit(sum) }
             }
         }
     }
@@ -110,7 +111,7 @@ impl Creases {
             let find = |k, (): &mut ()| {
                 let mut found = Vec::new();
                 each_corner(mesh, chunk_range(n, COLLECTED, k), |vertex, normal, angle| {
-                    found.extend(ranks.of(vertex).map(|rank| (rank, normal.map(|x| (x * angle) as f32))));
+                    found.extend(ranks.of(vertex).map(|rank| (rank, normal.map_each(|x| (x * angle) as f32))));
                 });
                 Ok(found)
             };
@@ -141,6 +142,7 @@ impl Creases {
     }
 
     /// The corners at `vertex`, if it has a crease.
+    #[inline]
     fn at(&self, vertex: u32) -> Option<&[[f32; 3]]> {
         let rank = self.ranks.of(vertex)? as usize;
         self.corners.get(*self.starts.get(rank)? as usize..*self.starts.get(rank + 1)? as usize)
@@ -149,6 +151,7 @@ impl Creases {
 
 impl Ranks {
     /// The index of `vertex` among those with a crease.
+    #[inline]
     fn of(&self, vertex: u32) -> Option<u32> {
         let word = self.bits.get(vertex as usize / 64)?;
         let bit = vertex % 64;

@@ -8,7 +8,7 @@ use super::camera::{Camera, Extent, Frame, Vec3};
 use super::raster::{CHUNK, Canvas, each_triangle, triangles_of};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::vector::{dot, double_area};
+use crate::base::vector::{MapEach, dot, double_area};
 use crate::mesh::Mesh;
 use crate::store::Run;
 
@@ -196,7 +196,7 @@ fn standing(pieces: &[Piece], extent: &Extent, axis: usize, sign: f64) -> (f64, 
 fn symmetry(pieces: &[Piece], extent: &Extent, axis: usize) -> f64 {
     let longest = (0..3).map(|k| extent.length(k)).fold(f64::MIN_POSITIVE, f64::max);
     let cell = |p: Vec3| {
-        let place = [0, 1, 2].map(|k| {
+        let place = [0, 1, 2].map_each(|k| {
             let from_middle = (p[k] - (extent.low[k] + extent.high[k]) / 2.0) / longest;
             (((from_middle + 0.5) * GRID as f64) as usize).min(GRID - 1)
         });
@@ -285,7 +285,7 @@ fn look(pieces: &[Piece], parts: usize, frame: &Frame) -> Seen {
     let camera = Camera::fit(*frame, &extent, scale, SMALL, SMALL);
     let canvas = Canvas::new(SMALL, SMALL, &camera);
     for (number, piece) in pieces.iter().enumerate() {
-        canvas.triangle(piece.at.map(|p| camera.project(p)), number as u32);
+        canvas.triangle(piece.at.map_each(|p| camera.project(p)), number as u32);
     }
     let mut seen = Seen { parts: vec![0.0; parts + 1], area: 0.0, relief: 0.0, depth: 0.0 };
     let (mut sum, mut squares) = (0.0, 0.0);

@@ -73,11 +73,12 @@ impl CentreGroups {
 fn products(block: &[[f32; LANES]], group: &[[f32; GROUP]]) -> [[f32; LANES]; GROUP] {
     // Unrolled by hand: a loop over the four would be vectorised along the wrong axis.
     let [mut a, mut b, mut c, mut d] = [[0.0f32; LANES]; GROUP];
-    for (x, centre) in block.iter().zip(group) {
-        add_product(&mut a, x, centre[0]);
-        add_product(&mut b, x, centre[1]);
-        add_product(&mut c, x, centre[2]);
-        add_product(&mut d, x, centre[3]);
+    let group = &group[..block.len()];
+    for k in 0..block.len() {
+        add_product(&mut a, &block[k], group[k][0]);
+        add_product(&mut b, &block[k], group[k][1]);
+        add_product(&mut c, &block[k], group[k][2]);
+        add_product(&mut d, &block[k], group[k][3]);
     }
     [a, b, c, d]
 }
@@ -111,6 +112,7 @@ impl PointBlocks {
         PointBlocks { values, norm, rows, n, d }
     }
 
+    #[inline(always)]
     fn point(&self, i: usize) -> &[f32] {
         &self.rows[i * self.d..(i + 1) * self.d]
     }
@@ -132,14 +134,13 @@ impl CellKMeans {
         let (mut drawn, mut groups) = (Vec::new(), CentreGroups::default());
         for made in 0..k {
             pulls.clear();
-            for (near, part) in near.iter().zip(weight.chunks(LANES)) {
-                for (near, w) in near.iter().zip(part) {
-                    pulls.push(w * if made == 0 { 1.0 } else { f64::from(*near) + 1e-30 });
-                }
+            for (i, w) in weight.iter().enumerate() {
+                let near = near[i / LANES][i % LANES];
+                pulls.push(w * if made == 0 { 1.0 } else { f64::from(near) + 1e-30 });
             }
             drawn.clear();
             for _ in 0..if made == 0 { 1 } else { self.candidates.max(1) } {
-                let items = names.iter().map(|&name| u64::from(name)).zip(pulls.iter().copied());
+                let items = (0..x.n).map(|i| (u64::from(names[i]), pulls[i]));
                 drawn.push(weighted_by_key(random.next_u64(), items));
             }
             let candidates: Vec<f32> = drawn.iter().flat_map(|&pick| x.point(pick)).copied().collect();
@@ -175,12 +176,11 @@ impl CellKMeans {
         for round in 1.. {
             groups.set(centres, d);
             let mut cost = 0.0;
-            let blocks = x.values.chunks_exact(d).zip(&x.norm).zip(weight.chunks(LANES));
-            for (label, ((block, norm), part)) in label.iter_mut().zip(blocks) {
-                let (nearest, least) = assign(block, &groups);
-                *label = nearest;
-                for ((w, low), norm) in part.iter().zip(&least).zip(norm) {
-                    cost += w * f64::from((low + norm).max(0.0));
+            for (b, part) in weight.chunks(LANES).enumerate() {
+                let (nearest, least) = assign(&x.values[b * d..(b + 1) * d], &groups);
+                label[b] = nearest;
+                for k in 0..part.len() {
+                    cost += part[k] * f64::from((least[k] + x.norm[b][k]).max(0.0));
                 }
             }
             if round >= self.rounds.max(1) || last - cost < self.tolerance * last {
@@ -190,11 +190,12 @@ impl CellKMeans {
             last = cost;
             sums.fill(0.0);
             mass.fill(0.0);
-            for ((w, point), &c) in weight.iter().zip(x.rows.chunks_exact(d)).zip(label.as_flattened()) {
-                let c = c as usize;
+            for (i, w) in weight.iter().enumerate() {
+                let (c, point) = (label[i / LANES][i % LANES] as usize, x.point(i));
                 mass[c] += w;
-                for (s, v) in sums[c * d..(c + 1) * d].iter_mut().zip(point) {
-                    *s += w * f64::from(*v);
+                let sums = &mut sums[c * d..(c + 1) * d];
+                for k in 0..d {
+                    sums[k] += w * f64::from(point[k]);
                 }
             }
             for c in (0..k).filter(|&c| mass[c] > 1e-30) {
@@ -247,9 +248,9 @@ impl SimdKernel for CellKMeansJob<'_> {
 fn lowered(x: &PointBlocks, b: usize, near: &[f32; LANES], groups: &CentreGroups, g: usize) -> [[f32; LANES]; GROUP] {
     let d = x.d;
     let (mut sum, norm) = (products(&x.values[b * d..(b + 1) * d], &groups.values[g * d..(g + 1) * d]), &x.norm[b]);
-    for (sum, square) in sum.iter_mut().zip(&groups.square[g]) {
+    for c in 0..GROUP {
         for k in 0..LANES {
-            sum[k] = (norm[k] + square - 2.0 * sum[k]).max(0.0).min(near[k]);
+            sum[c][k] = (norm[k] + groups.square[g][c] - 2.0 * sum[c][k]).max(0.0).min(near[k]);
         }
     }
     sum
@@ -259,8 +260,8 @@ fn lowered(x: &PointBlocks, b: usize, near: &[f32; LANES], groups: &CentreGroups
 #[inline(always)]
 fn costs(x: &PointBlocks, weight: &[f64], near: &[[f32; LANES]], groups: &CentreGroups, g: usize) -> [f64; GROUP] {
     let mut cost = [0.0; GROUP];
-    for (b, (near, part)) in near.iter().zip(weight.chunks(LANES)).enumerate() {
-        let low = lowered(x, b, near, groups, g);
+    for (b, part) in weight.chunks(LANES).enumerate() {
+        let low = lowered(x, b, &near[b], groups, g);
         let mut sum = [0.0; GROUP];
         for (k, w) in part.iter().enumerate() {
             for c in 0..GROUP {
@@ -276,8 +277,8 @@ fn costs(x: &PointBlocks, weight: &[f64], near: &[[f32; LANES]], groups: &Centre
 #[inline(always)]
 fn assign(block: &[[f32; LANES]], groups: &CentreGroups) -> ([u32; LANES], [f32; LANES]) {
     let (mut nearest, mut least) = ([0u32; LANES], [f32::MAX; LANES]);
-    for (g, (group, square)) in groups.values.chunks_exact(block.len()).zip(&groups.square).enumerate() {
-        let sum = products(block, group);
+    for (g, square) in groups.square.iter().enumerate() {
+        let sum = products(block, &groups.values[g * block.len()..(g + 1) * block.len()]);
         for c in 0..GROUP {
             for k in 0..LANES {
                 let value = square[c] - 2.0 * sum[c][k];

@@ -16,6 +16,7 @@ use super::region_pieces::RegionPieces;
 use crate::base::Result;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::sort::order_by;
+use crate::base::vector::{dot, minus};
 use crate::spectral::exp::exp64;
 use crate::store::run::Run;
 use std::ops::Range;
@@ -159,7 +160,8 @@ fn gather(
 
 #[inline(always)]
 fn square(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (0..3).map(|c| (a[c] - b[c]) * (a[c] - b[c])).sum()
+    let d = minus(a, b);
+    dot(d, d)
 }
 
 /// Sums between the superfaces of a range and all later ones of the same piece.
@@ -231,7 +233,8 @@ fn between(points: &[CellPoint], balls: &[SuperfaceBall], a: usize, b: usize, ta
         }
     }
     let twice = if a == b { 2.0 } else { 1.0 };
-    let [seen, all, thickness_jump] = [seen, all, thickness_jump].map(|sums| [0, 1, 2].map(|w| twice * sums[w]));
+    let sums = |all: PerWidth| [twice * all[0], twice * all[1], twice * all[2]];
+    let (seen, all, thickness_jump) = (sums(seen), sums(all), sums(thickness_jump));
     (all[2] > 0.0).then_some(PairSums { a: a as u32, b: b as u32, seen, all, thickness_jump })
 }
 

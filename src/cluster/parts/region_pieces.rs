@@ -54,6 +54,7 @@ impl RegionPieces {
     }
 
     /// The piece of `region`, and its position there.
+    #[inline]
     pub fn place(&self, region: u32) -> (usize, usize) {
         let (piece, place) = self.of_region[region as usize];
         (piece as usize, place as usize)

@@ -13,6 +13,7 @@ use super::convexity::PairSums;
 use super::matrix::Square;
 use super::region_pieces::RegionPieces;
 use crate::base::moments::products;
+use crate::base::vector::MapEach;
 use crate::spectral::anchor::AnchorEmbedding;
 use crate::spectral::exp::exp64;
 use bytemuck::{Pod, Zeroable};
@@ -198,7 +199,7 @@ impl Regions {
             add(&mut out[piece].moments[place], q);
         }
         for (k, &[i, j]) in cells.pairs.iter().enumerate() {
-            let [(piece, a), (_, b)] = [i, j].map(|i| pieces.place(region[i as usize]));
+            let [(piece, a), (_, b)] = [i, j].map_each(|i| pieces.place(region[i as usize]));
             let out = &mut out[piece];
             let (n, edge) = (out.len(), edge_sums(cells, k));
             add(&mut out.edges[a * n + b], &edge);
@@ -220,7 +221,7 @@ impl Regions {
         // all three at once.
         let mut halves: Vec<_> = out.iter().map(|regions| vec![[0.0; 3]; regions.len() * regions.len()]).collect();
         for s in sums.iter().flatten() {
-            let [(piece, a), (_, b)] = [s.a, s.b].map(|s| pieces.place(of_superface[s as usize]));
+            let [(piece, a), (_, b)] = [s.a, s.b].map_each(|s| pieces.place(of_superface[s as usize]));
             let twice = if a == b && s.a != s.b { 2.0 } else { 1.0 };
             let sum = &mut halves[piece][a.min(b) * out[piece].len() + a.max(b)];
             for (sum, x) in sum.iter_mut().zip([s.seen[width], s.all[width], s.thickness_jump[width]]) {

@@ -11,7 +11,7 @@
 use super::cell_graph::CellGraph;
 use crate::base::Result;
 use crate::base::simd::{SimdKernel, dispatch};
-use crate::base::vector::{add_scaled, dot, minus};
+use crate::base::vector::{add_scaled, cross, dot, length, minus, narrow};
 use crate::store::run::Run;
 use libm::log as ln;
 use std::f64::consts::TAU;
@@ -219,7 +219,8 @@ impl VisitDisc for Nearest<'_> {
     #[inline(always)]
     fn visit(&mut self, disc: DiscBehind) {
         let cells = self.scene.cells;
-        let (from, inward) = (cells.centre[self.from], cells.normal[self.from].map(|c| -c));
+        let (from, n) = (cells.centre[self.from], cells.normal[self.from]);
+        let inward = [-n[0], -n[1], -n[2]];
         if let Some(length) = self.scene.meets(disc.cell, from, inward, OPPOSITE).filter(|x| *x < self.length) {
             let d = minus(cells.centre[disc.cell as usize], from);
             (self.length, self.found) = (length, Some((disc.cell, dot(d, d).sqrt())));
@@ -268,8 +269,11 @@ impl<'a> FirstHits<'a> {
     fn from(scene: RayScene<'a>, i: usize) -> Self {
         let n = scene.cells.normal[i];
         let [u, v] = tangents(n);
-        let way = |k: usize| std::array::from_fn(|c| scene.rays[0][k] * u[c] + scene.rays[1][k] * v[c] - n[c]);
-        let ways = std::array::from_fn(way);
+        let [p, q] = scene.rays;
+        let ways = std::array::from_fn(|k| {
+            let across = |c: usize| p[k] * u[c] + q[k] * v[c] - n[c];
+            [across(0), across(1), across(2)]
+        });
         Self { scene, from: scene.cells.centre[i], ways, length: [f64::INFINITY; RAYS], cell: [None; RAYS] }
     }
 }
@@ -308,7 +312,7 @@ fn visit_discs_behind(scene: RayScene<'_>, i: usize, reach: f64, to: &mut impl V
         for b in (0..LANES).filter(|&k| near[k]).map(|k| at + k) {
             let seen = blocks[b].seen(cone);
             for j in (0..LANES).filter(|&k| seen[k]).map(|k| b * LANES + k) {
-                let d = std::array::from_fn(|c| cells.centre[j][c] - x[c]);
+                let d = minus(cells.centre[j], x);
                 let depth = -dot(d, n);
                 if depth <= 0.0 || dot(cells.normal[j], d) <= 0.0 {
                     continue;
@@ -410,7 +414,7 @@ struct RayCone {
 impl RayCone {
     #[inline(always)]
     fn behind(x: [f64; 3], n: [f64; 3], reach: f64) -> Self {
-        Self { x: x.map(|c| c as f32), n: n.map(|c| c as f32), reach: reach as f32 }
+        Self { x: narrow(x, 1.), n: narrow(n, 1.), reach: reach as f32 }
     }
 
     /// The vector to the `k`-th of several points.
@@ -443,13 +447,13 @@ fn slack(d: [f32; 3]) -> f32 {
 }
 
 /// Two unit vectors perpendicular to `n` and to each other.
+#[inline(always)]
 pub(super) fn tangents(n: [f64; 3]) -> [[f64; 3]; 2] {
     let other = if n[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-    let along = dot(other, n);
-    let u: [f64; 3] = std::array::from_fn(|c| other[c] - along * n[c]);
-    let norm = dot(u, u).sqrt().max(1e-12);
-    let u = u.map(|c| c / norm);
-    [u, [n[1] * u[2] - n[2] * u[1], n[2] * u[0] - n[0] * u[2], n[0] * u[1] - n[1] * u[0]]]
+    let u = add_scaled(other, -dot(other, n), n);
+    let norm = length(u).max(1e-12);
+    let u = [u[0] / norm, u[1] / norm, u[2] / norm];
+    [u, cross(n, u)]
 }
 
 /// The upper median.

@@ -117,6 +117,8 @@ impl<'a> FixedRecords<'a> {
         }
     }
 
+    // A copy is a call that is not inlined, and these are few bytes.
+    #[allow(clippy::manual_memcpy)]
     fn assemble(&self, faces: Range<usize>, buffer: &mut Vec<u8>) {
         let start = self.document.ranges[self.document.face].start;
         let records = &self.document.bytes[start + faces.start * self.stride..start + faces.end * self.stride];
@@ -128,8 +130,13 @@ impl<'a> FixedRecords<'a> {
             // Triangles without properties, or only with others that are kept, have specialised loops.
             [Range { start: 0, end: 13 }] if added == 11 && !big => {
                 for (face, (to, from)) in faces.zip(pairs) {
-                    to[..13].copy_from_slice(&from[..13]);
-                    to[13..24].copy_from_slice(&self.labelling.packed(face, false));
+                    let (to, from, added) = (&mut to[..24], &from[..13], self.labelling.packed(face, false));
+                    for k in 0..13 {
+                        to[k] = from[k];
+                    }
+                    for k in 0..11 {
+                        to[13 + k] = added[k];
+                    }
                 }
             }
             _ => {

@@ -98,8 +98,8 @@ impl Labelling<'_> {
     /// are a `float`, which CloudCompare displays and which is exact up to 2²⁴.
     pub(super) fn fit_ply(&self, of_vertices: bool) -> Result<()> {
         let most = if of_vertices { 1 << 24 } else { i32::MAX as u32 };
-        match self.labels.iter().max() {
-            Some(&label) if label > most => {
+        match self.labels.iter().fold(0, |top, &label| top.max(label)) {
+            label if label > most => {
                 let problem = format!("{label} exceeds {most}, the largest label that such a file can hold");
                 Err(Error::parameter("labels", problem, "number the parts from 0, or write a .npy or .seg"))
             }
@@ -152,11 +152,8 @@ impl Labelling<'_> {
         } else {
             (label.to_le_bytes(), quality.to_le_bytes())
         };
-        let mut packed = [0; 11];
-        packed[..4].copy_from_slice(&label);
-        packed[4..7].copy_from_slice(&colour);
-        packed[7..].copy_from_slice(&quality);
-        packed
+        let ([a, b, c, d], [red, green, blue], [e, f, g, h]) = (label, colour, quality);
+        [a, b, c, d, red, green, blue, e, f, g, h]
     }
 
     /// Appends the numbers of [`Labelling::properties`] of `face`.

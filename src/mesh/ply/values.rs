@@ -68,6 +68,7 @@ impl<'a> Text<'a> {
 }
 
 /// Parses a floating-point number in any common notation.
+#[inline]
 pub(in crate::mesh) fn real_of(token: &[u8], of: Scalar) -> Option<f64> {
     let text = std::str::from_utf8(token).ok()?;
     let parsed = match of {
@@ -96,8 +97,12 @@ pub(in crate::mesh) fn integer_of(token: &[u8]) -> Option<i64> {
         [b'+', digits @ ..] => (false, digits),
         digits => (false, digits),
     };
-    if (1..=18).contains(&digits.len()) && digits.iter().all(u8::is_ascii_digit) {
-        let value = digits.iter().fold(0, |value: i64, digit| value * 10 + i64::from(digit - b'0'));
+    let (mut value, mut are_digits) = (0i64, (1..=18).contains(&digits.len()));
+    for &digit in if are_digits { digits } else { &[] } {
+        are_digits &= digit.is_ascii_digit();
+        value = value * 10 + i64::from(digit & 15);
+    }
+    if are_digits {
         return Some(if negative { -value } else { value });
     }
     let value = real_of(token, Scalar::F64)?;

@@ -14,7 +14,7 @@
 
 use super::strip::Strip;
 use crate::base::sort::sort_by;
-use crate::base::vector::{add_scaled, cross, distance, dot, double_area, length, minus, unit};
+use crate::base::vector::{MapEach, add_scaled, cross, distance, dot, double_area, length, minus, unit};
 use crate::base::{Cancel, Result};
 
 /// The cosine of 40°: a boundary between faces that turn by more is sharp.
@@ -70,7 +70,7 @@ impl<'a> Curves<'a> {
 
     /// Whether the ends of an edge have different labels.
     pub fn is_crossed(&self, e: u32) -> bool {
-        let [a, b] = self.strip.edges[e as usize].map(|v| self.label[v as usize]);
+        let [a, b] = self.strip.edges[e as usize].map_each(|v| self.label[v as usize]);
         a.is_some() && b.is_some() && a != b
     }
 
@@ -191,8 +191,9 @@ impl<'a> Curves<'a> {
     }
 
     /// Where an edge is crossed.
+    #[inline]
     fn point(&self, e: u32) -> [f64; 3] {
-        let [a, b] = self.strip.edges[e as usize].map(|v| self.strip.at[v as usize]);
+        let [a, b] = self.strip.edges[e as usize].map_each(|v| self.strip.at[v as usize]);
         add_scaled(a, self.along[e as usize], minus(b, a))
     }
 
@@ -206,12 +207,13 @@ impl<'a> Curves<'a> {
         if self.label[opposite as usize].is_none() {
             return Some(strip.at[opposite as usize]);
         }
-        match [edges[(k + 1) % 3], edges[(k + 2) % 3]].map(|e| self.is_crossed(e).then(|| self.point(e))) {
-            [Some(p), Some(q)] => {
+        let crossing = |e: u32| self.is_crossed(e).then(|| self.point(e));
+        match (crossing(edges[(k + 1) % 3]), crossing(edges[(k + 2) % 3])) {
+            (Some(p), Some(q)) => {
                 let all = [self.point(e), p, q];
                 Some(mixed(all, meeting(all)))
             }
-            [p, q] => p.or(q),
+            (p, q) => p.or(q),
         }
     }
 

@@ -9,7 +9,7 @@
 //! of two depths per thread.
 
 use crate::base::Result;
-use crate::base::vector::{dot, unit};
+use crate::base::vector::{MapEach, dot, unit};
 use crate::cluster::parts::cell_graph::CellGraph;
 use crate::cluster::parts::thickness::tangents;
 use crate::store::run::Run;
@@ -109,10 +109,11 @@ fn axes(directions: Directions) -> Vec<[f64; 3]> {
 fn seen_along(discs: &[Disc], axis: [f64; 3], depths: &mut Vec<[f32; 2]>) -> Vec<bool> {
     let square = discs.iter().map(|disc| disc.radius * disc.radius).sum::<f64>() / discs.len().max(1) as f64;
     let per_pixel = 1. / (PIXEL * square.sqrt());
-    let [right, up] = tangents(axis).map(|t| t.map(|x| x * per_pixel));
+    let [right, up] = tangents(axis).map_each(|t| t.map_each(|x| x * per_pixel));
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for disc in discs {
-        for (c, p) in [right, up].map(|t| dot(disc.centre(), t)).into_iter().enumerate() {
+        for (c, t) in [right, up].into_iter().enumerate() {
+            let p = dot(disc.centre(), t);
             low[c] = low[c].min(p - COVER * disc.radius * per_pixel);
             high[c] = high[c].max(p + COVER * disc.radius * per_pixel);
         }

@@ -6,7 +6,7 @@
 //! 1 or 2 ms for 2,000 cells.
 
 use super::cell_paths::{CellPaths, Row, UNREACHED};
-use crate::base::vector::{cross, distance, dot, minus};
+use crate::base::vector::{MapEach, cross, distance, dot, minus};
 use crate::cluster::parts::cell_graph::CellGraph;
 use std::f64::consts::PI;
 
@@ -230,7 +230,7 @@ impl<'a> Surface<'a> {
     /// Whether a map preserves the order of cells around each other: 1, or reverses it: −1.
     pub fn turning(&self, image: &[u32]) -> f64 {
         let spin = |[x, u, v]: [u32; 3]| {
-            let [at, u, v] = [x, u, v].map(|cell| self.cells.centre[cell as usize]);
+            let [at, u, v] = [x, u, v].map_each(|cell| self.cells.centre[cell as usize]);
             dot(cross(minus(u, at), minus(v, at)), self.cells.normal[x as usize])
         };
         let (mut sum, mut total) = (0.0, 0.0);
@@ -239,7 +239,7 @@ impl<'a> Surface<'a> {
             for (k, &u) in ring.iter().enumerate() {
                 for between in [1, 3] {
                     let turn = [x, u, ring[(k + between) % ring.len()]];
-                    let both = share * spin(turn) * spin(turn.map(|cell| image[cell as usize]));
+                    let both = share * spin(turn) * spin(turn.map_each(|cell| image[cell as usize]));
                     sum += both;
                     total += both.abs();
                 }

@@ -68,7 +68,8 @@ impl CellPaths {
     #[inline(always)]
     pub fn steps(&self, i: u32) -> impl Iterator<Item = (u32, f32)> {
         let range = self.starts[i as usize] as usize..self.starts[i as usize + 1] as usize;
-        self.ends[range.clone()].iter().copied().zip(self.length[range].iter().copied())
+        let (ends, length) = (&self.ends[range.clone()], &self.length[range]);
+        (0..ends.len()).map(|k| (ends[k], length[k]))
     }
 
     /// Lowers `field` (S) to the distances from `source` where those are smaller and below `limit`; returns the settled
@@ -109,15 +110,16 @@ impl SimdKernel for Sweeps<'_> {
                 if !std::mem::take(&mut stale[i as usize]) {
                     continue;
                 }
-                let mut here = field[i as usize];
+                let (mut here, mut lower) = (field[i as usize], false);
                 for (j, step) in paths.steps(i) {
                     let there = &field[j as usize];
                     for k in 0..LANES {
                         let d = there[k] + step;
+                        lower |= d < here[k];
                         here[k] = if d < here[k] { d } else { here[k] };
                     }
                 }
-                if here != field[i as usize] {
+                if lower {
                     field[i as usize] = here;
                     paths.steps(i).for_each(|(j, _)| stale[j as usize] = true);
                     changed = true;

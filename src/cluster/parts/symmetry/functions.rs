@@ -7,7 +7,7 @@
 //! 128 samples, and as much for each map.
 
 use super::cell_paths::{CellPaths, Row};
-use crate::base::vector::{distance, square_apart};
+use crate::base::vector::{axpy, distance, square_apart};
 use crate::cluster::parts::cell_graph::CellGraph;
 use crate::spectral::exp::exp64;
 use crate::spectral::laplacian::generalised;
@@ -63,8 +63,8 @@ impl Functions {
             // Most samples are too far away.
             for k in (0..m).filter(|&k| own[k] > 0.0) {
                 let share = own[k] * shares[i];
-                energy[k * m..][..m].iter_mut().zip(flow).for_each(|(sum, flow)| *sum += own[k] * flow);
-                mass[k * m..][..m].iter_mut().zip(own).for_each(|(sum, other)| *sum += share * other);
+                axpy(&mut energy[k * m..][..m], own[k], flow);
+                axpy(&mut mass[k * m..][..m], share, own);
             }
         }
         let [energy, mass] = [energy, mass].map(|sums| DMatrix::from_vec(m, m, sums));
@@ -96,9 +96,8 @@ impl Functions {
         let mut value = vec![0.0; k * k];
         for (x, y, weight) in pairs {
             let (here, there) = (self.at(x, k), self.at(y, k));
-            for (row, here) in value.chunks_exact_mut(k).zip(here) {
-                let scale = weight * here;
-                row.iter_mut().zip(there).for_each(|(sum, there)| *sum += scale * there);
+            for (i, here) in here.iter().enumerate() {
+                axpy(&mut value[i * k..][..k], weight * here, there);
             }
         }
         FunctionMap { k, value }.made_symmetric()
@@ -107,8 +106,8 @@ impl Functions {
     /// The functions of a cell transformed by C.
     pub fn image(&self, cell: u32, c: &FunctionMap) -> Vec<f32> {
         let mut out = vec![0.0; c.k];
-        for (row, here) in c.value.chunks_exact(c.k).zip(self.at(cell, c.k)) {
-            out.iter_mut().zip(row).for_each(|(sum, c)| *sum += here * c);
+        for (i, here) in self.at(cell, c.k).iter().enumerate() {
+            axpy(&mut out, *here, &c.value[i * c.k..]);
         }
         out
     }
@@ -195,9 +194,9 @@ pub fn more(k: usize) -> usize {
 /// The product of two k × k matrices.
 fn times(a: &[f32], b: &[f32], k: usize) -> Vec<f32> {
     let mut out = vec![0.0; k * k];
-    for (row, a) in out.chunks_exact_mut(k).zip(a.chunks_exact(k)) {
-        for (a, b) in a.iter().zip(b.chunks_exact(k)) {
-            row.iter_mut().zip(b).for_each(|(sum, b)| *sum += a * b);
+    for (i, row) in out.chunks_exact_mut(k).enumerate() {
+        for j in 0..k {
+            axpy(row, a[i * k + j], &b[j * k..]);
         }
     }
     out

@@ -5,6 +5,7 @@
 //! milliseconds for the planes; for each of them R², plus R times the number of pairs of superfaces and images that
 //! overlap.
 
+use crate::base::vector::axpy;
 use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
 use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact, intersect};
 use crate::cluster::parts::matrix::Square;
@@ -99,7 +100,7 @@ pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], maps: &[MirrorIm
         for (images, sure) in &maps {
             half.fill(0.0);
             for &(y, share) in &images[x] {
-                half.iter_mut().zip(c.row(y as usize)).for_each(|(sum, c)| *sum += share * c);
+                axpy(&mut half, share, c.row(y as usize));
             }
             for y in (0..x).filter(|&y| sure[x] * sure[y] > 0.0) {
                 let image: f64 = images[y].iter().map(|&(b, share)| share * half[b as usize]).sum();
