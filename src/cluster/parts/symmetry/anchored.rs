@@ -61,15 +61,7 @@ pub fn maps(surface: &Surface<'_>, run: &Run) -> Result<Vec<CellMap>> {
         |k, ()| {
             let mut anchors = going_on[k].clone();
             GROWTH[1..].iter().for_each(|&growth| surface.grow(&mut anchors, growth));
-            for _ in 0..ROUNDS {
-                let next = surface.recompute_images(&anchors);
-                let still = next.cell == anchors.cell;
-                anchors = next;
-                if still {
-                    break;
-                }
-            }
-            Ok(surface.map(&anchors))
+            Ok(surface.map(&surface.settled(anchors)))
         },
     )
 }
@@ -190,6 +182,19 @@ impl Surface<'_> {
         out
     }
 
+    /// Recomputes images until they stay, at most [`ROUNDS`] times.
+    fn settled(&self, mut anchors: Anchors) -> Anchors {
+        for _ in 0..ROUNDS {
+            let next = self.recompute_images(&anchors);
+            let still = next.cell == anchors.cell;
+            anchors = next;
+            if still {
+                break;
+            }
+        }
+        anchors
+    }
+
     /// The weighted mismatch between the distances of `y` from the images of the `nearest` anchors of `x` and those of
     /// `x` from these anchors; the sum stops early beyond `limit`.
     #[inline(always)]
@@ -239,14 +244,26 @@ impl Surface<'_> {
         self.measured(image, dissimilarity)
     }
 
-    /// Refines a smooth map whose images may be one step off: each is replaced by the likeliest nearby cell, given the
-    /// images of the samples.
-    pub fn polished(&self, mut image: Vec<u32>) -> CellMap {
+    /// The samples with their images under a map.
+    fn anchors_of(&self, image: &[u32]) -> Anchors {
         let images: Vec<u32> = self.samples.cell.iter().map(|&sample| image[sample as usize]).collect();
         let mut anchors = Anchors::default();
         for (k, row) in self.paths.rows(&images).iter().enumerate() {
             anchors.add([self.samples.cell[k], images[k]], [&self.rows[k], row]);
         }
+        anchors
+    }
+
+    /// The map that preserves distances from the samples best, starting from their images under a smooth map, which
+    /// cannot follow thin limbs.
+    pub fn refitted(&self, image: &[u32]) -> CellMap {
+        self.map(&self.settled(self.anchors_of(image)))
+    }
+
+    /// Refines a smooth map whose images may be one step off: each is replaced by the likeliest nearby cell, given the
+    /// images of the samples.
+    pub fn polished(&self, mut image: Vec<u32>) -> CellMap {
+        let anchors = self.anchors_of(&image);
         let mut dissimilarity = vec![f64::INFINITY; image.len()];
         for x in (0..image.len()).filter(|&x| self.reached[x]) {
             let nearest = anchors.nearest(x as u32, NEAREST[1], None);
