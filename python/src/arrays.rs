@@ -24,35 +24,43 @@ fn shape(name: &str, array: &Bound<'_, PyAny>) -> PyResult<(usize, usize)> {
     }
 }
 
-/// The items of an array row by row.
-fn items<T: Element + Copy>(array: &PyReadonlyArrayDyn<'_, T>) -> Vec<T> {
-    array.as_slice().map(<[T]>::to_vec).unwrap_or_default()
+/// An integer that numbers vertices.
+trait Corner: Element + Copy + TryInto<u32> + std::fmt::Display {}
+
+impl<T: Element + Copy + TryInto<u32> + std::fmt::Display> Corner for T {}
+
+/// Vertices (v, 3) and faces (n, columns).
+#[derive(Clone, Copy)]
+struct Arrays<'a, 'py> {
+    vertices: &'a Bound<'py, PyAny>,
+    faces: &'a Bound<'py, PyAny>,
+    columns: usize,
 }
 
-/// Corners as the library numbers them.
-fn corners<T: Element + Copy + TryInto<u32> + std::fmt::Display>(
-    array: &PyReadonlyArrayDyn<'_, T>,
-    columns: usize,
-) -> Result<Vec<u32>> {
-    let convert = |(at, corner): (usize, T)| {
-        let place = format!("faces[{}]", at / columns);
-        let wrong = || Error::malformed("<arrays>", place, format!("names vertex {corner}"), "count vertices from 0");
-        corner.try_into().map_err(|_| wrong())
-    };
-    items(array).into_iter().enumerate().map(convert).collect()
-}
-
-fn build<P: Coordinate + Element>(
-    vertices: &PyReadonlyArrayDyn<'_, P>,
-    corners: Vec<u32>,
-    columns: usize,
-) -> Result<Mesh> {
-    let positions = items(vertices).chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
+/// The mesh of positions and corners, with `columns` corners a face.
+fn build<P: Coordinate, C: Corner>(positions: &[P], corners: &[C], columns: usize) -> Result<Mesh> {
+    if let Some(at) = corners.iter().position(|&corner| corner.try_into().is_err()) {
+        let (place, problem) = (format!("faces[{}]", at / columns), format!("names vertex {}", corners[at]));
+        return Err(Error::malformed("<arrays>", place, problem, "count vertices from 0"));
+    }
+    let number = |corner: C| corner.try_into().unwrap_or(u32::MAX);
+    let positions = positions.as_chunks::<3>().0.to_vec();
     if columns == 3 {
-        return Mesh::from_vecs(positions, corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect());
+        return Mesh::from_vecs(positions, corners.as_chunks::<3>().0.iter().map(|face| face.map(number)).collect());
     }
     let starts = (0..=corners.len() / columns).map(|face| (face * columns) as u64).collect();
-    Mesh::from_polygons(positions, starts, corners)
+    Mesh::from_polygons(positions, starts, corners.iter().map(|&corner| number(corner)).collect())
+}
+
+/// The same for arrays whose types are `P` and `C`.
+fn of_types<P: Coordinate + Element, C: Corner>(arrays: Arrays<'_, '_>) -> Option<Result<Mesh>> {
+    let (vertices, faces) = (readonly::<P>(arrays.vertices)?, readonly::<C>(arrays.faces)?);
+    Some(build(vertices.as_slice().ok()?, faces.as_slice().ok()?, arrays.columns))
+}
+
+/// The same for corners of type `C`.
+fn of_corners<C: Corner>(arrays: Arrays<'_, '_>) -> Option<Result<Mesh>> {
+    of_types::<f32, C>(arrays).or_else(|| of_types::<f64, C>(arrays))
 }
 
 /// The mesh of `vertices` (v, 3) and `faces` (n, corners).
@@ -64,19 +72,11 @@ pub fn mesh(vertices: &Bound<'_, PyAny>, faces: &Bound<'_, PyAny>) -> PyResult<M
     if columns < 3 {
         return Err(PyValueError::new_err(format!("faces: {columns} columns; a face has 3 corners or more")));
     }
-    let corners = readonly::<i32>(faces)
-        .map(|array| corners(&array, columns))
-        .or_else(|| readonly::<i64>(faces).map(|array| corners(&array, columns)))
-        .or_else(|| readonly::<u32>(faces).map(|array| corners(&array, columns)))
-        .or_else(|| readonly::<u64>(faces).map(|array| corners(&array, columns)))
-        .ok_or_else(|| PyTypeError::new_err("faces: not a NumPy array of integers, row by row"))?
-        .map_err(super::raised)?;
-    let made = match readonly::<f32>(vertices) {
-        Some(array) => build(&array, corners, columns),
-        None => match readonly::<f64>(vertices) {
-            Some(array) => build(&array, corners, columns),
-            None => return Err(PyTypeError::new_err("vertices: not a NumPy array of float32 or float64, row by row")),
-        },
-    };
-    made.map_err(super::raised)
+    let arrays = Arrays { vertices, faces, columns };
+    of_corners::<i64>(arrays)
+        .or_else(|| of_corners::<i32>(arrays))
+        .or_else(|| of_corners::<u32>(arrays))
+        .or_else(|| of_corners::<u64>(arrays))
+        .ok_or_else(|| PyTypeError::new_err("vertices and faces: not of real numbers and integers, row by row"))?
+        .map_err(super::raised)
 }
