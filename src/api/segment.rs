@@ -127,7 +127,8 @@ impl Segmenter {
         self
     }
 
-    /// How faces become parts: as people would cut them, or by K-means or 2-means in the embedding.
+    /// How faces become parts: as people would cut them, by K-means or 2-means in the embedding, or as connected
+    /// components.
     #[must_use]
     pub fn method(mut self, method: Cluster) -> Self {
         self.params.cluster = method;
@@ -328,7 +329,8 @@ impl Segmentation {
         &self.report
     }
 
-    /// The same mesh in any other number of parts, approximately and immediately; `None` for K-means and 2-means.
+    /// The same mesh in any other number of parts, approximately and immediately; `None` for another method than
+    /// [`Cluster::Parts`].
     pub fn hierarchy(&self) -> Option<&Hierarchy> {
         self.hierarchy.as_ref()
     }

@@ -28,8 +28,8 @@ const BUFFER: usize = 1 << 20;
 impl Mesh {
     /// Opens the PLY, OBJ, OFF or STL file at `path`, optionally compressed with gzip. Arrays that have to be decoded
     /// go to a temporary folder of the system, which is removed with the mesh: some 24 bytes per vertex and 13 per
-    /// triangle, nothing for a binary little-endian PLY of triangles. Use [`open()`] to choose the folder and to follow
-    /// the progress.
+    /// triangle, nothing for a binary little-endian PLY of triangles. Use [`Mesh::open_under`] to follow the progress,
+    /// and [`open()`] to choose the folder too.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -279,6 +279,7 @@ impl SegmentParams {
         let refused = |name: &str, problem: String, remedy: &str| Err(Error::parameter(name, problem, remedy));
         let by_parts = self.cluster == Cluster::Parts;
         let exact = matches!(self.parts.count, PartCount::Exactly(_));
+        let count = if exact { "parts" } else { "parts_between" };
         match self.parts.count {
             PartCount::Found if self.cluster == Cluster::KMeans => {
                 let remedy = "give it, as in `parts` 6, or choose `cluster` parts";
@@ -289,13 +290,13 @@ impl SegmentParams {
             }
             PartCount::Exactly(_) | PartCount::Between(..) if self.cluster == Cluster::Components => {
                 let problem = "there are as many parts as connected components";
-                return refused("parts", problem.into(), "leave it out, or choose another `cluster`");
+                return refused(count, problem.into(), "leave it out, or choose another `cluster`");
             }
             PartCount::Between(least, most) if least > most => {
                 return refused("parts_between", format!("{least}..{most} is empty"), "put the smaller first");
             }
             PartCount::Exactly(0) | PartCount::Between(0, _) => {
-                return refused("parts", "0 parts".into(), "choose at least 1");
+                return refused(count, "0 parts".into(), "choose at least 1");
             }
             _ => {}
         }

@@ -82,6 +82,14 @@ fn a_connected_mesh_is_one_part() {
 fn options_without_effect_are_refused() {
     let (positions, faces) = strips(&[7, 3]);
     let mesh = Mesh::from_slices(&positions, &faces).unwrap();
-    let error = Segmenter::new().method(Cluster::Components).parts(2).run(&mesh).unwrap_err();
-    assert!(error.to_string().contains("as many parts as connected components"), "{error}");
+    let components = Segmenter::new().method(Cluster::Components);
+    // Regression: of a range it was `parts` that the error named.
+    for (segmenter, told) in [
+        (components.clone().parts(2), "parts: there are as many parts as connected components"),
+        (components.parts_between(2, 3), "parts_between: there are as many parts as connected components"),
+        (Segmenter::new().parts_between(0, 3), "parts_between: 0 parts; choose at least 1"),
+    ] {
+        let error = segmenter.run(&mesh).unwrap_err().to_string();
+        assert!(error.starts_with(told), "{error}");
+    }
 }
