@@ -1,8 +1,10 @@
-//! What edits of a cut are followed with on its page, as Python holds it.
+//! What a cut was decided with, as Python holds it: other numbers of parts are taken from it, and edits followed on a page.
 
-use super::raised;
+use super::{raised, text};
+use numpy::{PyArray1, PyReadonlyArray1};
 use nystrom_stream::pipeline::decision::KeptDecision;
 use pyo3::prelude::*;
+use pyo3::types::PyType;
 
 /// What a cut was decided with, and the part of each cell in it: none for a cut that was taken from the hierarchy. It becomes text
 /// when it is pickled, and not before: that takes a while and megabytes.
@@ -19,8 +21,10 @@ impl PyDecision {
         Ok(Self { kept: KeptDecision::of_text(text).map_err(raised)?, start })
     }
 
-    fn __getnewargs__(&self) -> PyResult<(String, Vec<u32>)> {
-        Ok((self.kept.text().map_err(raised)?, self.start.clone()))
+    /// Pickled by every protocol.
+    fn __reduce__<'py>(this: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyType>, (String, Vec<u32>))> {
+        let Self { kept, start } = this.get();
+        Ok((this.get_type(), (kept.text().map_err(raised)?, start.clone())))
     }
 
     /// Itself: nothing changes it.
@@ -30,6 +34,23 @@ impl PyDecision {
 
     fn __deepcopy__(this: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
         this
+    }
+
+    /// The hierarchy of parts, as JSON.
+    fn tree(&self) -> PyResult<String> {
+        text(&self.kept.decision.tree)
+    }
+
+    /// The labels of all faces, whose `cells` are given, in `parts` parts.
+    fn labels<'py>(
+        &self,
+        py: Python<'py>,
+        cells: PyReadonlyArray1<'py, u32>,
+        parts: usize,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let label = self.kept.decision.tree.cut_k(parts).map_err(raised)?.label;
+        let of_cell = |&cell: &u32| label.get(cell as usize).copied().unwrap_or(0);
+        Ok(PyArray1::from_vec(py, cells.as_array().iter().map(of_cell).collect()))
     }
 
     /// The same for another cut of its hierarchy.

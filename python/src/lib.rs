@@ -87,6 +87,11 @@ fn raised(error: Error) -> PyErr {
     }
 }
 
+/// `value` as JSON.
+fn text(value: &impl serde::Serialize) -> PyResult<String> {
+    serde_json::to_string(value).map_err(|error| PyRuntimeError::new_err(error.to_string()))
+}
+
 /// Gives a builder of the library the options that all runs share.
 macro_rules! with_options {
     ($builder:expr, $seed:expr, $threads:expr, $max_memory:expr, $tmp:expr, $listener:expr, $cancel:expr) => {{
@@ -98,13 +103,12 @@ macro_rules! with_options {
 }
 use with_options;
 
-/// What a cut gives: labels, qualities, colours (parts, 3), the tree as JSON and the cell of each face, what edits are followed with
-/// on a page, names, the report as JSON.
+/// What a cut gives: labels, qualities, colours (parts, 3), the cell of each face and what it was decided with, names, the report as
+/// JSON.
 type Cut<'py> = (
     Bound<'py, PyArray1<u32>>,
     Bound<'py, PyArray1<f32>>,
     Bound<'py, PyArray2<u8>>,
-    Option<String>,
     Option<Bound<'py, PyArray1<u32>>>,
     Option<PyDecision>,
     Vec<String>,
@@ -140,18 +144,16 @@ fn segment<'py>(
     let cut = watched(py, progress, |listener, cancel| {
         with_options!(segmenter, seed, threads, max_memory, tmp, listener, cancel).run(mesh)
     })?;
-    let json = |value: serde_json::Result<String>| value.map_err(|error| PyRuntimeError::new_err(error.to_string()));
     let colours = cut.colours();
     Ok((
         PyArray1::from_slice(py, cut.labels()),
         PyArray1::from_slice(py, cut.confidences()),
         colours.as_flattened().to_pyarray(py).reshape([colours.len(), 3])?,
-        cut.hierarchy().map(|hierarchy| json(serde_json::to_string(hierarchy.tree()))).transpose()?,
         cut.hierarchy().map(|hierarchy| PyArray1::from_slice(py, hierarchy.cells())),
         cut.hierarchy()
             .map(|hierarchy| PyDecision { kept: hierarchy.decision().clone(), start: cut.cell_labels().to_vec() }),
         cut.names().to_vec(),
-        json(serde_json::to_string(cut.report()))?,
+        text(cut.report())?,
     ))
 }
 
@@ -175,14 +177,13 @@ fn check_params(params: &str) -> PyResult<()> {
 /// The parameters of a cut, as JSON.
 #[pyfunction]
 fn default_params() -> PyResult<String> {
-    serde_json::to_string(&SegmentParams::default()).map_err(|error| PyRuntimeError::new_err(error.to_string()))
+    text(&SegmentParams::default())
 }
 
 /// The embedding of K-means and 2-means in `dimensions` coordinates, as JSON.
 #[pyfunction]
 fn default_embedding(dimensions: usize) -> PyResult<String> {
-    serde_json::to_string(&EmbeddingParams::for_parts(dimensions))
-        .map_err(|error| PyRuntimeError::new_err(error.to_string()))
+    text(&EmbeddingParams::for_parts(dimensions))
 }
 
 /// What `nystrom_stream` is made of.
@@ -197,7 +198,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(default_embedding, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::correspond, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::save_matches, module)?)?;
-    module.add_function(wrap_pyfunction!(tasks::cut_tree, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::read_names, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::part_colours, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::save, module)?)?;

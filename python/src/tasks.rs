@@ -3,7 +3,7 @@
 use super::decision::PyDecision;
 use super::listener::{run, watched};
 use super::mesh::PyMesh;
-use super::{raised, with_options};
+use super::{raised, text, with_options};
 use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::edits::Edits;
@@ -14,23 +14,18 @@ use nystrom_stream::apps::measure;
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::apps::picture::{PictureParams, render_named};
 use nystrom_stream::apps::sequence::SequenceOrder;
-use nystrom_stream::cluster::parts::PartTree;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::store::{Context, WorkDir};
 use nystrom_stream::{LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
 
 /// A word as the library's enums are written: "geodesic-farthest".
-fn named<T: DeserializeOwned>(name: &str, word: &str) -> PyResult<T> {
+pub fn named<T: DeserializeOwned>(name: &str, word: &str) -> PyResult<T> {
     serde_json::from_value(word.into()).map_err(|error| PyValueError::new_err(format!("{name}: {error}")))
-}
-
-fn text(value: &impl serde::Serialize) -> PyResult<String> {
-    serde_json::to_string(value).map_err(|error| PyRuntimeError::new_err(error.to_string()))
 }
 
 fn colours(array: &PyReadonlyArray2<'_, u8>) -> PyResult<Vec<[u8; 3]>> {
@@ -40,26 +35,6 @@ fn colours(array: &PyReadonlyArray2<'_, u8>) -> PyResult<Vec<[u8; 3]>> {
         return Err(PyValueError::new_err(text));
     }
     Ok(array.outer_iter().map(|c| [c[0], c[1], c[2]]).collect())
-}
-
-/// The hierarchy that `tree` tells.
-fn hierarchy(tree: &str) -> PyResult<PartTree> {
-    let tree: PartTree = serde_json::from_str(tree).map_err(|error| PyValueError::new_err(error.to_string()))?;
-    tree.check().map_err(raised)?;
-    Ok(tree)
-}
-
-/// The labels of all faces, whose `cells` are given, in `parts` parts.
-#[pyfunction]
-pub fn cut_tree<'py>(
-    py: Python<'py>,
-    tree: &str,
-    cells: PyReadonlyArray1<'py, u32>,
-    parts: usize,
-) -> PyResult<Bound<'py, PyArray1<u32>>> {
-    let label = hierarchy(tree)?.cut_k(parts).map_err(raised)?.label;
-    let of_cell = |&cell: &u32| label.get(cell as usize).copied().unwrap_or(0);
-    Ok(PyArray1::from_vec(py, cells.as_array().iter().map(of_cell).collect()))
 }
 
 /// A colour per part, unlike where parts touch: (parts, 3).
@@ -94,10 +69,10 @@ fn save_options((vertex_labels, split_vertices, split_faces, cap, part_form): Sa
     Ok(ply.cap(cap).part_form(part_form))
 }
 
-/// Writes the labelled mesh in the form that the ending of `path` names; a page has a slider where there is a tree, and follows edits
-/// where there is a `decision`. `edits` is the text of those that the labels are of.
+/// Writes the labelled mesh in the form that the ending of `path` names; a page has a slider and follows edits where there is a
+/// `decision` over `cells`. `edits` is the text of those that the labels are of.
 #[pyfunction]
-#[pyo3(signature = (mesh, labels, colours, quality, names, path, report, tree, cells, decision, edits, options))]
+#[pyo3(signature = (mesh, labels, colours, quality, names, path, report, cells, decision, edits, options))]
 pub fn save(
     py: Python<'_>,
     mesh: &PyMesh,
@@ -107,7 +82,6 @@ pub fn save(
     names: Vec<String>,
     path: PathBuf,
     report: &str,
-    tree: Option<&str>,
     cells: Option<PyReadonlyArray1<'_, u32>>,
     decision: Option<PyRef<'_, PyDecision>>,
     edits: Option<&str>,
@@ -119,7 +93,6 @@ pub fn save(
     let mesh = if form == Some(Form::Obj) { mesh.with_its_file()? } else { mesh.current()? };
     let (labels, colours) = (labels.as_array().to_vec(), self::colours(&colours)?);
     let quality = quality.map(|quality| quality.as_array().to_vec());
-    let tree = tree.map(hierarchy).transpose()?;
     let cells = cells.map(|cells| cells.as_array().to_vec());
     let report: serde_json::Value =
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
@@ -130,13 +103,12 @@ pub fn save(
     let edits = edits.map(|text| Edits::of_text(text.as_bytes(), "edits".as_ref())).transpose().map_err(raised)?;
     let decision: Option<&PyDecision> = decision.as_deref();
     run(py, |run| {
-        let parts = tree.as_ref().map(|tree| tree.first_cuts(cuts::MOST)).transpose()?;
-        let model = decision.map(|PyDecision { kept, start }| CellModel {
-            affinities: kept.affinities(),
-            tree: &kept.decision.tree,
-            start,
+        let hierarchy = decision.zip(cells.as_ref());
+        let parts = hierarchy.map(|(decided, _)| decided.kept.decision.tree.first_cuts(cuts::MOST)).transpose()?;
+        let cuts = hierarchy.zip(parts.as_ref()).map(|((PyDecision { kept, start }, cells), parts)| {
+            let model = CellModel { affinities: kept.affinities(), tree: &kept.decision.tree, start };
+            Cuts { cells, parts, model: Some(model) }
         });
-        let cuts = cells.as_ref().zip(parts.as_ref()).map(|(cells, parts)| Cuts { cells, parts, model });
         let title = mesh.path().file_name().unwrap_or_default().to_string_lossy();
         let (labels, colours, edits) = (&labels[..], &colours[..], edits.as_ref());
         Page { title: &title, mesh, labels, colours, names: &names, cuts, edits, report: &report }.write(&path, run)

@@ -58,12 +58,14 @@ class Segmentation(_OfMesh):
     quality: Optional[NDArray[np.float32]]
     colours: NDArray[np.uint8]
     report: dict[str, Any]
+    _cells: Optional[NDArray[np.uint32]]
+    _decision: Optional[_native.Decision]
     _names: list[str]
 
     def __init__(self, mesh: _native.Mesh, arrays: Several[Any], report: dict[str, Any], options: dict[str, Any],
                  edits: Optional[dict[str, Any]] = None) -> None:
         self._mesh, self.report, self._options, self._edits = mesh, report, options, edits
-        self.labels, self.quality, self.colours, self._tree, self._cells, self._decision, names = arrays
+        self.labels, self.quality, self.colours, self._cells, self._decision, names = arrays
         self.names = names
 
     @property
@@ -144,7 +146,7 @@ class Segmentation(_OfMesh):
     @property
     def tree(self) -> Optional[dict[str, Any]]:
         """The hierarchy of parts over some two thousand cells, as a dict; None for K-means and 2-means."""
-        tree: Optional[dict[str, Any]] = None if self._tree is None else json.loads(self._tree)
+        tree: Optional[dict[str, Any]] = None if self._decision is None else json.loads(self._decision.tree())
         return tree
 
     def recut(self, parts: int) -> NDArray[np.uint32]:
@@ -153,9 +155,9 @@ class Segmentation(_OfMesh):
 
         Raises ValueError for K-means and 2-means, and for more parts than cells.
         """
-        if self._tree is None:
+        if self._decision is None or self._cells is None:
             raise ValueError("K-means and 2-means have no hierarchy")
-        return _native.cut_tree(self._tree, self._cells, whole("parts", parts, 1))
+        return self._decision.labels(self._cells, whole("parts", parts, 1))
 
     def cut(self, parts: int) -> Segmentation:
         """The same mesh in exactly `parts` parts, as `recut` finds them, with colours; confidences are unknown. Edits, hints and
@@ -166,7 +168,7 @@ class Segmentation(_OfMesh):
         counts = np.bincount(labels, minlength=len(colours))
         report["parts"] = [{"label": k, "faces": int(n), "colour": colours[k].tolist()} for k, n in enumerate(counts)]
         decision = self._decision and self._decision.without_start()
-        arrays = (labels, None, colours, self._tree, self._cells, decision, list[str]())
+        arrays = (labels, None, colours, self._cells, decision, list[str]())
         options = {**started_from(self._options, {"parts": parts}), "hints": None}
         return Segmentation(self._mesh, arrays, report, options)
 
@@ -196,7 +198,7 @@ class Segmentation(_OfMesh):
             path = os.path.join(path, "")
         labels, names = as_labels(self.labels, self._mesh.faces), self.names if any(self.names) else []
         _native.save(self._mesh, labels, as_colours(self.colours, 0), self.quality, names, as_path("path", path), json.dumps(self.report),
-                     self._tree, self._cells, self._decision, edits, choices)
+                     self._cells, self._decision, edits, choices)
 
     def picture(self, **options: Any) -> NDArray[np.uint8]:
         """A picture of the parts: see `nystrom_stream.picture`."""
