@@ -2,11 +2,11 @@
 
 use super::listener::{run, watched};
 use super::mesh::PyMesh;
-use super::with_options;
+use super::tasks::named;
+use super::{text, with_options};
 use numpy::{PyArray1, PyReadonlyArray1};
 use nystrom_stream::Matcher;
-use nystrom_stream::apps::correspond::{Match, Matching, files};
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use nystrom_stream::apps::correspond::{Match, files};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
@@ -31,12 +31,14 @@ pub fn save_matches(
 
 /// Finds for every vertex of mesh A its match in mesh B.
 #[pyfunction]
-#[pyo3(signature = (a, b, matching, transfer, alternative, vectors, landmarks, seed, threads, max_memory, tmp, progress))]
+#[pyo3(signature = (a, b, matching, refine, partial, transfer, alternative, vectors, landmarks, seed, threads, max_memory, tmp, progress))]
 pub fn correspond<'py>(
     py: Python<'py>,
     a: &PyMesh,
     b: &PyMesh,
     matching: &str,
+    refine: &str,
+    partial: bool,
     transfer: bool,
     alternative: usize,
     vectors: Option<usize>,
@@ -47,16 +49,8 @@ pub fn correspond<'py>(
     tmp: Option<PathBuf>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Found<'py>> {
-    let matching = match matching {
-        "all" => Matching::All,
-        "mutual" => Matching::Mutual,
-        "one-to-one" => Matching::OneToOne,
-        other => {
-            let text = format!("matching: '{other}'; choose all, mutual or one-to-one");
-            return Err(PyValueError::new_err(text));
-        }
-    };
-    let matcher = Matcher::new().matching(matching).transfer(transfer).alternative(alternative);
+    let matcher = Matcher::new().matching(named("matching", matching)?).refine(named("refine", refine)?);
+    let matcher = matcher.partial(partial).transfer(transfer).alternative(alternative);
     let matcher = vectors.into_iter().fold(matcher, Matcher::dimensions);
     let matcher = landmarks.into_iter().fold(matcher, Matcher::landmarks);
     let (a, b) = (a.current()?, b.current()?);
@@ -68,6 +62,6 @@ pub fn correspond<'py>(
         PyArray1::from_iter(py, matches.iter().map(|one| one.target)),
         PyArray1::from_iter(py, matches.iter().map(|one| one.distance)),
         PyArray1::from_iter(py, matches.iter().map(|one| one.confidence)),
-        serde_json::to_string(found.report()).map_err(|error| PyRuntimeError::new_err(error.to_string()))?,
+        text(found.report())?,
     ))
 }

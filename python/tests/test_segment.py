@@ -280,6 +280,11 @@ def test_a_mesh_is_matched_with_itself_moved(mesh):
     once = nystrom_stream.correspond(bent, faces, bent, faces, matching="one-to-one", landmarks=20)
     kept = once.matches[once.matches >= 0]
     assert len(np.unique(kept)) == len(kept)
+    # A part of it: what the crop lacks has no match.
+    whole, crop = (bent, faces), (bent, faces[(bent[faces, 0] < 2).all(axis=1)])
+    options = {"partial": True, "refine": "laplacian", "landmarks": 30}
+    part = nystrom_stream.correspond(whole, crop, **options)
+    assert 0 < (part.matches < 0).mean() < 1 and options.items() <= part.report["options"].items()
     with pytest.raises(ValueError, match="matching"):
         nystrom_stream.correspond(bent, faces, bent, faces, matching="some")
     with pytest.raises(TypeError, match="detail"):

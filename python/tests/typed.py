@@ -15,7 +15,7 @@ cut.save(Path("x.ply"), split_faces=True)
 better = cut.edit([{"edit": "merge", "at": [cut.place(0), cut.place(1)]}]).edit("edits.json")
 print(ns.evaluate(cut, [better.labels])["rand"], ns.measure(cut)["area"], cut.measure()[0]["area"], cut.tree)
 vertices, faces = ns.read_mesh("mesh.ply")
-found = ns.correspond(vertices, faces, vertices, faces, matching="mutual")
+found = ns.correspond(vertices, faces, vertices, faces, matching="mutual", refine="laplacian", partial=True)
 carried = ns.transfer_labels(cut, (vertices, faces))
 image = ns.picture(cut, size=(320, 200), up="-y")
 order = ns.sequence(vertices, faces, order="hilbert").order

@@ -30,6 +30,7 @@ Order = Literal["auto", "keep", "hilbert"]
 Kernel = Literal["gaussian", "exponential", "polynomial", "inverse-multiquadric", "matern", "cauchy"]
 Normalise = Literal["none", "degree", "anchor"]
 Matching = Literal["all", "mutual", "one-to-one"]
+Refine = Literal["nystrom", "laplacian", "none"]
 StreamOrder = Literal["spectral", "pca", "bfs", "rcm", "hilbert", "random", "keep"]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
@@ -207,20 +208,25 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
     return np.asarray(mesh.vertices(), np.float64), mesh.triangles()[0]
 
 
-def correspond(a: MeshLike, *others: Any, matching: Matching = "all", transfer: bool = False, alternative: int = 0,
-               vectors: Optional[int] = None, landmarks: Optional[int] = None, seed: int = 0, threads: Optional[int] = None,
-               max_memory: Bytes = None, tmp: Optional[Path] = None, progress: Progress = None) -> Correspondence:
+def correspond(a: MeshLike, *others: Any, matching: Matching = "all", refine: Refine = "nystrom", partial: bool = False,
+               transfer: bool = False, alternative: int = 0, vectors: Optional[int] = None, landmarks: Optional[int] = None,
+               seed: int = 0, threads: Optional[int] = None, max_memory: Bytes = None, tmp: Optional[Path] = None,
+               progress: Progress = None) -> Correspondence:
     """Finds for every vertex of mesh A its match in mesh B, by their spectral embeddings: `correspond(a, b)` of two meshes as
     `segment` takes them, or `correspond(vertices_a, faces_a, vertices_b, faces_b)`. Returns a Correspondence.
 
     matching: "all", "mutual" (each other's nearest only), or "one-to-one" (no vertex of B twice).
+    refine: how the first matches are refined: "nystrom" (in smooth functions of a local sample), "laplacian" (in eigenfunctions of the
+        Laplace–Beltrami operator) or "none" (the paper's way).
+    partial: one mesh is a part of the other, at the same scale; vertices without a counterpart stay unmatched.
     transfer: copy the landmarks of A to B by the first matches, and match again.
     alternative: which of the alignments that the report lists to use, if the shape is symmetric.
     vectors: number of leading eigenvectors, 2 to 8.
     landmarks: number of sampled vertices on each mesh; by default 50, for more than 300,000 vertices 20.
     """
     run = run_options(threads, max_memory, tmp, progress)
-    choices = (_choose("matching", matching, Matching), flag("transfer", transfer), whole("alternative", alternative), _optional("vectors", vectors),
+    choices = (_choose("matching", matching, Matching), _choose("refine", refine, Refine), flag("partial", partial),
+               flag("transfer", transfer), whole("alternative", alternative), _optional("vectors", vectors),
                _optional("landmarks", landmarks), _seed(seed))
     if len(others) == 3:
         a, b = as_mesh(a, others[0], run), as_mesh(others[1], others[2], run)

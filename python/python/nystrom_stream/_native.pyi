@@ -75,8 +75,8 @@ def segment(
     threads: Optional[int], max_memory: Optional[int], tmp: Optional[_Path], progress: _Progress,
 ) -> tuple[_Labels, NDArray[np.float32], NDArray[np.uint8], Optional[_Labels], Optional[Decision], list[str], str]: ...
 def correspond(
-    a: Mesh, b: Mesh, matching: str, transfer: bool, alternative: int, vectors: Optional[int], landmarks: Optional[int], seed: int,
-    threads: Optional[int], max_memory: Optional[int], tmp: Optional[_Path], progress: _Progress,
+    a: Mesh, b: Mesh, matching: str, refine: str, partial: bool, transfer: bool, alternative: int, vectors: Optional[int],
+    landmarks: Optional[int], seed: int, threads: Optional[int], max_memory: Optional[int], tmp: Optional[_Path], progress: _Progress,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32], str]: ...
 def save_matches(
     matches: NDArray[np.int64], distances: NDArray[np.float32], confidence: NDArray[np.float32], path: _Path
