@@ -154,7 +154,8 @@ pub fn run<T: Send>(py: Python<'_>, work: impl FnOnce(&Run) -> nystrom_stream::R
         Ok((result, notes.0.into_inner().unwrap_or_else(PoisonError::into_inner)))
     })?;
     for note in notes {
-        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(note.replace('\0', " "))?, 1)?;
+        // Of the line that called the package, not of the package's own.
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(note.replace('\0', " "))?, 2)?;
     }
     Ok(result)
 }

@@ -206,6 +206,10 @@ def test_wrong_edits_are_named(cut):
         ([{"edit": "split", "at": [90, 0, 0]}], r"edit 1 \(split\): .*away from the mesh"),
         ([{"edit": "split", "at": 10**7}], "there is no face"),
         ({"format": "x", "edits": []}, "format"),
+        # Regression: of these the JSON between Python and the library was complained of, without a name.
+        ([{"edit": "split", "at": np.array([np.nan, 0, 0])}], "^edits: Out of range float"),
+        ({"edits": [], "parts": 0}, "^parts: 0 is too small"),
+        ({"edits": [], "detail": np.inf}, "^detail: inf is not a finite number"),
     ]:
         with pytest.raises(ValueError, match=said) as wrong:
             cut.edit(edits)
@@ -213,6 +217,8 @@ def test_wrong_edits_are_named(cut):
     for edits in ("split", [7]):
         with pytest.raises((TypeError, FileNotFoundError)):
             cut.edit(edits)
+    with pytest.raises(TypeError, match="^parts: 'x' is not a whole number"):
+        cut.edit({"edits": [], "parts": "x"})
     with pytest.raises(TypeError, match="neither a place"):
         cut.edit([{"edit": "split", "at": {1, 2}}])
     with pytest.raises(ValueError, match="cluster='parts'"):

@@ -232,6 +232,8 @@ def test_what_makes_no_sense_names_its_option(mesh, cut, tmp_path):
     for option, call in {
         "faces": lambda: nystrom_stream.segment(vertices, iter(faces)),
         "faces:": lambda: nystrom_stream.segment(vertices, [[0, 1, 2], None]),
+        "faces: a ndarray": lambda: nystrom_stream.segment(vertices, np.array(None)),
+        "faces: a dict": lambda: nystrom_stream.segment(vertices, {}),
         "parts_range": lambda: nystrom_stream.segment(vertices, faces, parts_range=5),
         "size": lambda: nystrom_stream.picture(cut, size=5),
         "names": lambda: nystrom_stream.segment(vertices, faces, names=5),
@@ -258,6 +260,31 @@ def test_what_makes_no_sense_names_its_option(mesh, cut, tmp_path):
     assert typing.get_type_hints(nystrom_stream.segment)["force"] is bool
 
 
+def test_parts_that_are_not_there_are_named(cut):
+    # Regression: "range object index out of range".
+    for call in (cut.place, cut.__getitem__):
+        for part in (3, -4):
+            with pytest.raises(IndexError, match=f"there is no part {part}; the 3 parts are counted from 0"):
+                call(part)
+    assert (cut[-1] == cut[2]).all() and cut.place(-1) == cut.place(2) and len(list(cut)) == 3
+
+
+def test_arrays_of_a_result_may_have_other_types(cut, mesh, tmp_path):
+    # Regression: "type mismatch: from=float64, to=float32", in two lines, and nothing was said of which array.
+    import copy
+
+    other = copy.copy(cut)
+    other.quality, other.labels = cut.quality.astype(float), cut.labels.astype(np.int16)
+    cut.save(tmp_path / "cut.ply")
+    other.save(tmp_path / "other.ply")
+    assert (tmp_path / "other.ply").read_bytes() == (tmp_path / "cut.ply").read_bytes()
+    found = nystrom_stream.correspond(mesh, mesh, landmarks=12)
+    found.save(tmp_path / "found.npy")
+    found.matches, found.distances = found.matches.astype(np.int32), found.distances.astype(float)
+    found.save(tmp_path / "other.npy")
+    assert (tmp_path / "other.npy").read_bytes() == (tmp_path / "found.npy").read_bytes()
+
+
 def test_a_relative_work_dir_stays_where_it_was(mesh, tmp_path, monkeypatch):
     """Edits looked for it wherever the process was by then."""
     monkeypatch.chdir(tmp_path)
@@ -271,8 +298,10 @@ def test_a_relative_work_dir_stays_where_it_was(mesh, tmp_path, monkeypatch):
 def test_what_a_form_loses_is_warned_of(mesh, tmp_path):
     vertices, faces = mesh
     far = nystrom_stream.segment(np.asarray(vertices, np.float64) + 1e9, faces, 3)
-    with pytest.warns(UserWarning, match="STL"):
+    with pytest.warns(UserWarning, match="STL") as warned:
         far.save(tmp_path / "parts", part_form="stl")
+    # Regression: it was of a line of the package.
+    assert warned[0].filename == __file__
 
 
 def test_polygons_become_triangles_that_do_not_leave_them(tmp_path):

@@ -53,7 +53,11 @@ def test_connected_components(mesh):
     vertices, faces = mesh
     pair = np.concatenate([vertices, 0.5 * vertices + [0, 5, 0]]), np.concatenate([faces + len(vertices), faces])
     cut = nystrom_stream.segment(*pair, cluster="components")
-    assert (cut.labels == np.repeat([1, 0], len(faces))).all()
+    assert (cut.labels == np.repeat([1, 0], len(faces))).all() and cut.tree is None
+    # Regression: "K-means and 2-means have no hierarchy".
+    for call in (cut.recut, cut.cut):
+        with pytest.raises(ValueError, match="no hierarchy of parts; cut with cluster='parts'"):
+            call(2)
     for option in [{"parts": 2}, {"landmarks": 9}, {"exact": True}, {"walls": "own"}, {"sigma": 1.0}]:
         with pytest.raises(ValueError):
             nystrom_stream.segment(*pair, cluster="components", **option)
@@ -364,6 +368,9 @@ def test_results_are_pickled(mesh):
     vertices, faces = mesh
     for given in [(vertices, faces), (vertices.astype(np.float32), faces)]:
         cut = nystrom_stream.segment(*given, 4)
+        # Regression: the protocols before 2 refused it.
+        for protocol in range(pickle.HIGHEST_PROTOCOL):
+            assert pickle.loads(pickle.dumps(cut, protocol)).tree == cut.tree
         again = pickle.loads(pickle.dumps(cut))
         assert (again.labels == cut.labels).all() and again.report == cut.report and again.tree == cut.tree
         assert (again.recut(3) == cut.recut(3)).all() and again.vertices.dtype == given[0].dtype
@@ -400,6 +407,8 @@ def test_orders_and_samples(mesh):
     ordered = nystrom_stream.sequence(vertices, faces, order="hilbert")
     assert sorted(ordered.places) == list(range(len(faces))) == sorted(ordered.order)
     assert (ordered.places[ordered.order] == np.arange(len(faces))).all() and len(ordered.vertex_numbers) == len(vertices)
+    streamed, placed = ordered.vertex_numbers[faces[ordered.order]], vertices[np.argsort(ordered.vertex_numbers)]
+    assert (placed[streamed] == vertices[faces[ordered.order]]).all() and streamed[0].max() == 2
     few, many = nystrom_stream.quality(vertices, faces, landmarks=[5, 20], samplings="farthest")
     assert many["gamma"] > few["gamma"] > 0
     assert nystrom_stream.measure(vertices, faces)["boundary_loops"] == 2
@@ -468,6 +477,11 @@ def test_numbers_and_words_that_make_no_sense_are_named(mesh):
     for name in ["sampling", "decision", "tiny_components", "walls", "boundaries", "order", "cluster", "metric", "kernel", "normalise"]:
         with pytest.raises(ValueError, match=f"{name}: 'x'; choose .* or "):
             nystrom_stream.segment(*mesh, **{name: "x"})
+    # Regression: "expected value".
+    with pytest.raises(ValueError, match="order: None; choose auto"):
+        nystrom_stream.segment(*mesh, order=None)
+    with pytest.raises(ValueError, match="samplings: none is given"):
+        nystrom_stream.quality(*mesh, samplings=[])
     with pytest.raises(ValueError, match="order: 'x'; choose spectral"):
         nystrom_stream.sequence(*mesh, order="x")
     with pytest.raises(ValueError, match="samplings: 'x'; choose farthest"):

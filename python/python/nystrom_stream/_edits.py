@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._meshes import MOST, Path, packed, unmasked, whole
+from ._meshes import MOST, Path, packed, real, unmasked, whole
 
 Edits = Union[Path, Mapping[str, Any], Sequence[Mapping[str, Any]]]
 Names = Union[Path, Mapping[int, str], Sequence[str]]
@@ -45,7 +45,10 @@ def text_of(edits: Mapping[str, Any]) -> str:
             return value.tolist()
         raise TypeError(f"edits: a {type(value).__name__} is neither a place, a number nor a text")
 
-    return json.dumps(edits, default=plain)
+    try:
+        return json.dumps(edits, default=plain, allow_nan=False)
+    except ValueError as error:
+        raise ValueError(f"edits: {error}") from None
 
 
 def as_hints(hints: Union[ArrayLike, str, None], mesh: _native.Mesh) -> Optional[NDArray[np.uint32]]:
@@ -103,7 +106,7 @@ def started_from(options: Mapping[str, Any], edits: Mapping[str, Any]) -> dict[s
     """`options` of a cut, with the number of parts that `edits` start from, if given there."""
     params = json.loads(options["params"])
     if edits.get("parts") is not None:
-        params["parts"].update(count={"exactly": edits["parts"]}, detail=0.0)
+        params["parts"].update(count={"exactly": whole("parts", edits["parts"], 1)}, detail=0.0)
     elif edits.get("detail") is not None:
-        params["parts"].update(count=json.loads(_native.default_params())["parts"]["count"], detail=edits["detail"])
+        params["parts"].update(count=json.loads(_native.default_params())["parts"]["count"], detail=real("detail", edits["detail"]))
     return {**options, "params": json.dumps(params)}

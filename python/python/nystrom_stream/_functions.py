@@ -64,7 +64,7 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
     method = _METHODS[_choose("cluster", cluster, Cluster)]
     for name, word, words in [("decision", decision, Decision), ("tiny_components", tiny_components, TinyComponents),
                               ("walls", walls, Walls), ("boundaries", boundaries, Boundaries), ("sampling", sampling, Sampling),
-                              ("order", order, Order), ("kernel", kernel, Kernel), ("normalise", normalise, Normalise)]:
+                              ("kernel", kernel, Kernel), ("normalise", normalise, Normalise)]:
         if word is not None:
             _choose(name, word, words)
     own = {"decision": decision, "tiny_components": tiny_components, "walls": walls, "boundaries": boundaries}
@@ -90,7 +90,7 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
     params["parts"]["detail"] = real("detail", detail)
     if sampling is not None:
         params["sampling"] = sampling
-    params.update(cluster=method, exact=flag("exact", exact), metric=metric, order=order)
+    params.update(cluster=method, exact=flag("exact", exact), metric=metric, order=_choose("order", order, Order))
     if decision is not None:
         params["parts"]["decision"] = decision
     params.update({name: value for name, value in own.items() if value is not None and name != "decision"})
@@ -333,6 +333,8 @@ def quality(mesh: MeshLike, faces: Any = None, *, landmarks: Union[int, Iterable
     if not hasattr(samplings, "__iter__"):
         raise TypeError(f"samplings: {samplings!r}; give one or several")
     chosen = [_choose("samplings", word, Sampling) for word in ([samplings] if isinstance(samplings, str) else samplings)]
+    if not chosen:
+        raise ValueError("samplings: none is given; give at least one")
     choices = counts, chosen, whole("seeds", seeds, 1), _seed(seed)
     run = run_options(threads, max_memory, tmp, progress)
     records: list[dict[str, Any]] = json.loads(_native.quality(as_mesh(mesh, faces, run), *choices, *run))

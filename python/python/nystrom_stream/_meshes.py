@@ -40,6 +40,14 @@ def whole(name: str, value: Any, least: int = 0, most: int = 2**63 - 1) -> int:
     return number
 
 
+def part_number(part: Any, parts: int) -> int:
+    """The number of a part of `parts`, which counts from the end if it is negative, as an index does."""
+    number = operator.index(part)
+    if not -parts <= number < parts:
+        raise IndexError(f"there is no part {number}; the {parts} parts are counted from 0")
+    return number % parts
+
+
 def real(name: str, value: Any) -> float:
     """The number that option `name` has, which must be finite."""
     try:
@@ -136,7 +144,7 @@ def from_arrays(vertices: ArrayLike, faces: Any) -> _native.Mesh:
     vertices = _positions(vertices)
     if isinstance(faces, np.ma.MaskedArray) and faces.ndim == 2 and np.ma.getmaskarray(faces).any():
         faces = [face.compressed() for face in faces]
-    if not hasattr(faces, "__len__"):
+    if not isinstance(faces, (list, tuple)) and np.ndim(faces) == 0:
         raise TypeError(f"faces: a {type(faces).__name__}; give an array, or a list of the corners of each face")
     if isinstance(faces, (list, tuple)):
         if not all(hasattr(face, "__len__") and not isinstance(face, (str, bytes)) for face in faces):

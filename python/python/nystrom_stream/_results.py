@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import html
 import json
-import operator
 import os
 import tempfile
 from collections.abc import Mapping, Sequence as Several
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._edits import Edits, Names, as_edits, as_names, started, started_from, text_of
-from ._meshes import Path, Progress, as_colours, as_labels, as_path, flag, whole
+from ._meshes import Path, Progress, as_colours, as_labels, as_path, flag, packed, part_number, whole
 
 if TYPE_CHECKING:
     import pyvista
@@ -101,8 +100,9 @@ class Segmentation(_OfMesh):
             {"edit": "protect", "at": place}. A place is a point (x, y, z) on the surface or the number of a face; `place(part)` returns
             one in the middle of a part.
 
-        With the `work_dir` of the cut, only the parts and their boundaries are recomputed; otherwise everything is. Raises ValueError
-        for an edit that cannot be applied, naming it, and for K-means and 2-means.
+        With the `work_dir` of the cut, only the parts and their boundaries are recomputed; otherwise everything is. Parts have the
+        names of "name" edits; names that were assigned are dropped, since numbers of parts change. Raises ValueError for an edit that
+        cannot be applied, naming it, and unless cluster="parts".
         """
         whole = isinstance(edits, (str, os.PathLike)) or isinstance(edits, Mapping) and "edits" in edits
         told = as_edits(edits)
@@ -122,7 +122,7 @@ class Segmentation(_OfMesh):
     def place(self, part: int) -> list[float]:
         """A place well inside a part, for edits: the point (x, y, z) in the middle of a face. Raises IndexError, and ValueError for
         a part without a face with finite coordinates."""
-        part = range(self.n_parts)[operator.index(part)]
+        part = part_number(part, self.n_parts)
         triangles, face = self._mesh.triangles()
         vertices = self.vertices
         own = self.labels[face] == part
@@ -136,7 +136,7 @@ class Segmentation(_OfMesh):
         return [x, y, z]
 
     def save_edits(self, path: Path) -> None:
-        """Writes the edits as a file for `nystrom-stream segment --edits` and `edit`."""
+        """Writes the edits as a file for `nystrom-stream segment --edits` and `edit`. Names are in it if "name" edits gave them."""
         vertices = self.vertices
         box = [vertices.min(axis=0), vertices.max(axis=0)] if len(vertices) else None
         head = {"box": box} if box and np.isfinite(box).all() else {}
@@ -145,7 +145,7 @@ class Segmentation(_OfMesh):
 
     @property
     def tree(self) -> Optional[dict[str, Any]]:
-        """The hierarchy of parts over some two thousand cells, as a dict; None for K-means and 2-means."""
+        """The hierarchy of parts over some two thousand cells, as a dict; None unless cluster="parts"."""
         tree: Optional[dict[str, Any]] = None if self._decision is None else json.loads(self._decision.tree())
         return tree
 
@@ -153,10 +153,10 @@ class Segmentation(_OfMesh):
         """Labels of the same mesh in exactly `parts` parts, from the hierarchy: (faces,). Takes milliseconds; boundaries follow
         cells, so for boundaries as fine as those of `labels`, cut again with the same `work_dir`.
 
-        Raises ValueError for K-means and 2-means, and for more parts than cells.
+        Raises ValueError unless cluster="parts", and for more parts than cells.
         """
         if self._decision is None or self._cells is None:
-            raise ValueError("K-means and 2-means have no hierarchy")
+            raise ValueError("there is no hierarchy of parts; cut with cluster='parts'")
         return self._decision.labels(self._cells, whole("parts", parts, 1))
 
     def cut(self, parts: int) -> Segmentation:
@@ -197,7 +197,8 @@ class Segmentation(_OfMesh):
         if isinstance(path, os.PathLike) and not os.path.splitext(path)[1]:
             path = os.path.join(path, "")
         labels, names = as_labels(self.labels, self._mesh.faces), self.names if any(self.names) else []
-        _native.save(self._mesh, labels, as_colours(self.colours, 0), self.quality, names, as_path("path", path), json.dumps(self.report),
+        quality = None if self.quality is None else packed(self.quality, np.float32)
+        _native.save(self._mesh, labels, as_colours(self.colours, 0), quality, names, as_path("path", path), json.dumps(self.report),
                      self._cells, self._decision, edits, choices)
 
     def picture(self, **options: Any) -> NDArray[np.uint8]:
@@ -237,8 +238,7 @@ class Segmentation(_OfMesh):
 
     def __getitem__(self, part: int) -> NDArray[np.intp]:
         """The faces of a part: (faces of the part,), ascending. Raises IndexError."""
-        part = range(self.n_parts)[operator.index(part)]
-        return np.flatnonzero(self.labels == part)
+        return np.flatnonzero(self.labels == part_number(part, self.n_parts))
 
     def __repr__(self) -> str:
         return f"Segmentation({len(self.labels)} faces, {self.n_parts} parts)"
@@ -302,7 +302,8 @@ class Correspondence:
         """Writes the matches as .npy, .csv or .parquet. Raises ValueError for another extension, OSError."""
         if not len(self.matches) == len(self.distances) == len(self.confidence):
             raise ValueError("matches, distances and confidence differ in length")
-        _native.save_matches(self.matches, self.distances, self.confidence, as_path("path", path))
+        _native.save_matches(packed(self.matches, np.int64), packed(self.distances, np.float32), packed(self.confidence, np.float32),
+                             as_path("path", path))
 
     def __repr__(self) -> str:
         return f"Correspondence({len(self.matches)} vertices)"
@@ -334,7 +335,8 @@ class Sequence(_OfMesh):
 
     @property
     def order(self) -> NDArray[np.intp]:
-        """The faces in their new order: (faces,) int64; `faces[order]` is the mesh to stream."""
+        """The faces in their new order: (faces,) int64. The mesh to stream has the faces `vertex_numbers[faces[order]]`, and the
+        vertices `vertices[np.argsort(vertex_numbers)]`."""
         return np.argsort(self.places, kind="stable")
 
     def __repr__(self) -> str:
