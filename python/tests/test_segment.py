@@ -380,7 +380,7 @@ def test_results_are_pickled(mesh):
     assert copy.deepcopy(nystrom_stream.sequence(vertices, faces)).measures
 
 
-def test_labels_are_carried_scored_and_drawn(mesh):
+def test_labels_are_carried_scored_and_drawn(mesh, tmp_path):
     vertices, faces = mesh
     cut = nystrom_stream.segment(vertices, faces, 3)
     other = dumbbell(30)
@@ -388,6 +388,16 @@ def test_labels_are_carried_scored_and_drawn(mesh):
     assert carried.labels.shape == (len(other[1]),) and set(np.unique(carried.labels)) == {0, 1, 2}
     assert 0 <= carried.report["uncertain"] <= len(other[1])
     assert (nystrom_stream.transfer_labels((vertices, faces), other, cut.labels).labels == carried.labels).all()
+    # Labels that were carried are saved and shown in the colours and with the names that they had.
+    assert (carried.colours == cut.colours).all() and carried.names == cut.names
+    for name in ("x.ply", "x.npy", "x.glb", "x.html", "parts/"):
+        carried.save(f"{tmp_path}/{name}")
+    saved = nystrom_stream._meshes.as_mesh(tmp_path / "x.ply").face_property("label")
+    assert (saved == carried.labels).all() and (np.load(tmp_path / "x.npy") == carried.labels).all()
+    assert (carried.picture(size=(64, 48)) == nystrom_stream.picture(carried, size=(64, 48))).all()
+    plain = nystrom_stream.transfer_labels((vertices, faces), other, cut.labels)
+    assert len(plain.colours) == 3 and plain.names == []
+    plain.save(tmp_path / "plain.ply")
     assert nystrom_stream.evaluate(cut, cut.labels)["rand"] == 0
     assert nystrom_stream.evaluate(cut.labels, [cut.labels, (cut.labels + 1) % 3], mesh=(vertices, faces))["rand"] == 0
     assert nystrom_stream.evaluate(cut, np.zeros(len(faces), int))["rand"] > 0.3

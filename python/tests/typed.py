@@ -21,4 +21,5 @@ image = ns.picture(cut, size=(320, 200), up="-y")
 order = ns.sequence(vertices, faces, order="hilbert").order
 for record in ns.quality(cut, landmarks=[5, 10], samplings=["random", "farthest"]):
     print(record["gamma"], found.matches[0], carried.labels, image.shape, order, ns.__version__)
-cut.to_trimesh(), cut.to_pyvista(), cut.picture(views=2)
+cut.to_trimesh(), cut.to_pyvista(), cut.picture(views=2), carried.names, carried.colours
+carried.save("carried.glb")

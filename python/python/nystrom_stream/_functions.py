@@ -240,7 +240,8 @@ def correspond(a: MeshLike, *others: Any, matching: Matching = "all", refine: Re
 
 def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[ArrayLike] = None, *, threads: Optional[int] = None,
                     max_memory: Bytes = None, tmp: Optional[Path] = None, progress: Progress = None) -> Transfer:
-    """Copies labels from a mesh to another version of it: another resolution, decimated, remeshed. Returns a Transfer.
+    """Copies labels from a mesh to another version of it: another resolution, decimated, remeshed. Returns a Transfer, which can be
+    saved.
 
     source: a Segmentation, or a mesh with `labels` (faces,), where a negative number or 2**32 - 1 means that a face has none.
     target: the other mesh.
@@ -249,10 +250,11 @@ def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[ArrayLi
         raise TypeError("labels: missing; give one per face of the first mesh, or a Segmentation")
     run = run_options(threads, max_memory, tmp, progress)
     mesh = as_mesh(source, run=run)
+    before = source if labels is None and isinstance(source, (Segmentation, Transfer)) else None
     labels = as_labels(source if labels is None else labels, mesh.faces, partial=True)
     target = as_mesh(target, run=run)
     carried, quality, report = _native.transfer_labels(mesh, labels, target, *run)
-    return Transfer(target, carried, quality, json.loads(report))
+    return Transfer(target, carried, quality, json.loads(report), before)
 
 
 def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:

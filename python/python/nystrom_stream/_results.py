@@ -41,7 +41,86 @@ class _OfMesh:
         return self._mesh.triangles()[0]
 
 
-class Segmentation(_OfMesh):
+class _Labelled(_OfMesh):
+    """A result with labels, which can be saved and shown."""
+
+    labels: NDArray[np.uint32]
+    quality: Optional[NDArray[np.float32]]
+    report: dict[str, Any]
+    _names: list[str]
+    # Found when they are asked for: labels may be any numbers, and there is a colour for each up to the greatest.
+    _colours: Optional[NDArray[np.uint8]] = None
+    # What the labels were cut from, for a page.
+    _cells: Optional[NDArray[np.uint32]] = None
+    _decision: Optional[_native.Decision] = None
+    _edits: Optional[dict[str, Any]] = None
+
+    @property
+    def colours(self) -> NDArray[np.uint8]:
+        if self._colours is None:
+            self._colours = _native.part_colours(self._mesh, self.labels)
+        return self._colours
+
+    @colours.setter
+    def colours(self, colours: NDArray[np.uint8]) -> None:
+        self._colours = colours
+
+    def save(self, path: Path, *, vertex_labels: bool = False, split_vertices: bool = False, split_faces: bool = False, cap: bool = False,
+             part_form: str = "ply") -> None:
+        """Writes the labelled mesh in the format of the extension: .ply, .seg, .npy, .obj, .glb, .parquet, .png, .html, or one file
+        per part in a folder where `path` ends with a slash, is a folder, or is a pathlib.Path without extension.
+
+        For .ply: `vertex_labels` labels and colours vertices too, `split_vertices` gives each part its own vertices, `split_faces` splits
+        triangles where smooth boundaries cross them (not with the other two). For a folder: `cap` closes the parts where they were cut
+        off, `part_form` is "ply" or "stl". Raises ValueError for another extension, or an option that the format does not have;
+        OSError. Warns of what the format loses."""
+        edits = text_of(self._edits) if self._edits else None
+        choices = (flag("vertex_labels", vertex_labels), flag("split_vertices", split_vertices), flag("split_faces", split_faces),
+                   flag("cap", cap), part_form)
+        if not isinstance(part_form, str):
+            raise TypeError(f"part_form: {part_form!r}; choose ply or stl")
+        # A pathlib.Path has no slash at its end.
+        if isinstance(path, os.PathLike) and not os.path.splitext(path)[1]:
+            path = os.path.join(path, "")
+        labels, names = as_labels(self.labels, self._mesh.faces), self._names if any(self._names) else []
+        quality = None if self.quality is None else packed(self.quality, np.float32)
+        _native.save(self._mesh, labels, as_colours(self.colours, 0), quality, names, as_path("path", path), json.dumps(self.report),
+                     self._cells, self._decision, edits, choices)
+
+    def picture(self, **options: Any) -> NDArray[np.uint8]:
+        """A picture of the parts: see `nystrom_stream.picture`."""
+        from ._functions import picture
+
+        return picture(self, **options)
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """A trimesh.Trimesh with the colours of the parts, and their numbers as `face_attributes["label"]`, their names as `metadata["part_names"]`."""
+        import trimesh
+
+        triangles, face = self._mesh.triangles()
+        labels = self.labels[face]
+        mesh = trimesh.Trimesh(self.vertices, triangles, face_colors=self.colours[labels], process=False,
+                               face_attributes={"label": labels})
+        mesh.metadata["part_names"] = list(self._names)
+        return mesh
+
+    def to_pyvista(self) -> pyvista.PolyData:
+        """A pyvista.PolyData with `label`, `quality` and `RGB` on its cells."""
+        import pyvista
+
+        starts, corners = self._mesh.polygons()
+        counts = np.diff(starts).astype(np.int64)
+        mesh = pyvista.PolyData(self.vertices, np.insert(corners.astype(np.int64), starts[:-1].astype(np.int64), counts))
+        mesh.cell_data["label"] = self.labels
+        mesh.cell_data["RGB"] = self.colours[self.labels]
+        if self.quality is not None:
+            mesh.cell_data["quality"] = self.quality
+        if any(self._names):
+            mesh.field_data["part_names"] = self._names
+        return mesh
+
+
+class Segmentation(_Labelled):
     """A mesh cut into parts. `len(cut)` is the number of parts, `cut[k]` the faces of part k.
 
     labels: (faces,) uint32, the part of each face, from 0, in the order of the mesh.
@@ -52,14 +131,6 @@ class Segmentation(_OfMesh):
 
     Whatever needs the mesh raises ValueError if its file has changed since.
     """
-
-    labels: NDArray[np.uint32]
-    quality: Optional[NDArray[np.float32]]
-    colours: NDArray[np.uint8]
-    report: dict[str, Any]
-    _cells: Optional[NDArray[np.uint32]]
-    _decision: Optional[_native.Decision]
-    _names: list[str]
 
     def __init__(self, mesh: _native.Mesh, arrays: Several[Any], report: dict[str, Any], options: dict[str, Any],
                  edits: Optional[dict[str, Any]] = None) -> None:
@@ -179,60 +250,6 @@ class Segmentation(_OfMesh):
         measures: list[dict[str, Any]] = json.loads(_native.measure_parts(self._mesh, labels, self.n_parts))
         return measures
 
-    def save(self, path: Path, *, vertex_labels: bool = False, split_vertices: bool = False, split_faces: bool = False, cap: bool = False,
-             part_form: str = "ply") -> None:
-        """Writes the labelled mesh in the format of the extension: .ply, .seg, .npy, .obj, .glb, .parquet, .png, .html, or one file
-        per part in a folder where `path` ends with a slash, is a folder, or is a pathlib.Path without extension.
-
-        For .ply: `vertex_labels` labels and colours vertices too, `split_vertices` gives each part its own vertices, `split_faces` splits
-        triangles where smooth boundaries cross them (not with the other two). For a folder: `cap` closes the parts where they were cut
-        off, `part_form` is "ply" or "stl". Raises ValueError for another extension, or an option that the format does not have;
-        OSError. Warns of what the format loses."""
-        edits = text_of(self._edits) if self._edits else None
-        choices = (flag("vertex_labels", vertex_labels), flag("split_vertices", split_vertices), flag("split_faces", split_faces),
-                   flag("cap", cap), part_form)
-        if not isinstance(part_form, str):
-            raise TypeError(f"part_form: {part_form!r}; choose ply or stl")
-        # A pathlib.Path has no slash at its end.
-        if isinstance(path, os.PathLike) and not os.path.splitext(path)[1]:
-            path = os.path.join(path, "")
-        labels, names = as_labels(self.labels, self._mesh.faces), self.names if any(self.names) else []
-        quality = None if self.quality is None else packed(self.quality, np.float32)
-        _native.save(self._mesh, labels, as_colours(self.colours, 0), quality, names, as_path("path", path), json.dumps(self.report),
-                     self._cells, self._decision, edits, choices)
-
-    def picture(self, **options: Any) -> NDArray[np.uint8]:
-        """A picture of the parts: see `nystrom_stream.picture`."""
-        from ._functions import picture
-
-        return picture(self, **options)
-
-    def to_trimesh(self) -> trimesh.Trimesh:
-        """A trimesh.Trimesh with the colours of the parts, and their numbers as `face_attributes["label"]`, their names as `metadata["part_names"]`."""
-        import trimesh
-
-        triangles, face = self._mesh.triangles()
-        labels = self.labels[face]
-        mesh = trimesh.Trimesh(self.vertices, triangles, face_colors=self.colours[labels], process=False,
-                               face_attributes={"label": labels})
-        mesh.metadata["part_names"] = self.names
-        return mesh
-
-    def to_pyvista(self) -> pyvista.PolyData:
-        """A pyvista.PolyData with `label`, `quality` and `RGB` on its cells."""
-        import pyvista
-
-        starts, corners = self._mesh.polygons()
-        counts = np.diff(starts).astype(np.int64)
-        mesh = pyvista.PolyData(self.vertices, np.insert(corners.astype(np.int64), starts[:-1].astype(np.int64), counts))
-        mesh.cell_data["label"] = self.labels
-        mesh.cell_data["RGB"] = self.colours[self.labels]
-        if self.quality is not None:
-            mesh.cell_data["quality"] = self.quality
-        if any(self.names):
-            mesh.field_data["part_names"] = self.names
-        return mesh
-
     def __len__(self) -> int:
         return self.n_parts
 
@@ -309,14 +326,22 @@ class Correspondence:
         return f"Correspondence({len(self.matches)} vertices)"
 
 
-class Transfer(_OfMesh):
+class Transfer(_Labelled):
     """Labels copied to another mesh.
 
     labels: (faces,) uint32. quality: (faces,) float32, 1 for a certain label. report: counts, such as of `uncertain` faces.
+    colours: (parts, 3) uint8. names: a name per part, "" for none. Both are those of the Segmentation that was copied, if it was one.
     """
 
-    def __init__(self, mesh: _native.Mesh, labels: NDArray[np.uint32], quality: NDArray[np.float32], report: dict[str, Any]) -> None:
+    def __init__(self, mesh: _native.Mesh, labels: NDArray[np.uint32], quality: NDArray[np.float32], report: dict[str, Any],
+                 source: Optional[_Labelled]) -> None:
         self._mesh, self.labels, self.quality, self.report = mesh, labels, quality, report
+        self._names = [] if source is None else list(source._names)
+        self._colours = None if source is None else source.colours
+
+    @property
+    def names(self) -> list[str]:
+        return list(self._names)
 
     def __repr__(self) -> str:
         return f"Transfer({len(self.labels)} faces, {self.report['uncertain']} uncertain)"
