@@ -389,10 +389,17 @@ impl Segmentation {
 ///
 /// Its cuts follow the borders of cells, which are within a cell of the boundaries in [`Segmentation::labels`]; for
 /// refined boundaries, run again with the same [`Segmenter::work_dir`]. Memory: 4 bytes per face.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Hierarchy {
     cells: MappedSlice<u32>,
     kept: KeptDecision,
+}
+
+/// Without the decision, which has a million numbers.
+impl std::fmt::Debug for Hierarchy {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Hierarchy").field("faces", &self.cells.len()).finish_non_exhaustive()
+    }
 }
 
 impl Hierarchy {

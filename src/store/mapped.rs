@@ -115,7 +115,7 @@ impl Access {
 }
 
 /// The bytes of a whole file, mapped read-only, or of an array in memory. Clones share them.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct MappedBytes {
     map: Option<Arc<Bytes>>,
 }

@@ -35,3 +35,10 @@ pub use run::{Context, Run};
 pub use scratch_array::ScratchArray;
 pub use stage::Stage;
 pub use workdir::WorkDir;
+
+/// Without the bytes: a mesh would be printed in full.
+impl std::fmt::Debug for MappedBytes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("MappedBytes").field("len", &self.len()).finish_non_exhaustive()
+    }
+}

@@ -258,6 +258,16 @@ fn a_run_can_be_stopped_and_says_what_is_wrong() {
     }
 }
 
+/// Regression: every byte of the mesh was printed, and a million numbers of the decision.
+#[test]
+fn a_result_is_printed_without_its_arrays() {
+    let cut = Segmenter::new().parts(3).run(&Mesh::creature(4_000).unwrap()).unwrap();
+    let hierarchy = cut.hierarchy().unwrap();
+    assert_eq!(format!("{hierarchy:?}"), format!("Hierarchy {{ faces: {}, .. }}", cut.labels().len()));
+    let printed = format!("{cut:?}");
+    assert!(printed.contains("MappedBytes { len: ") && printed.len() < 60_000, "{}: {printed}", printed.len());
+}
+
 /// Labels beyond `i32` became negative in a PLY; colours and names of another labelling went into files unnoticed; an
 /// order was written as a PLY under any ending.
 #[test]
