@@ -1,6 +1,7 @@
 //! The front door: arrays and files give the same labels, nothing is written where memory allows, results are kept
 //! where that is asked for, and the caller hears of progress and can stop.
 
+use nystrom_stream::apps::edits::{Edit, Edits};
 use nystrom_stream::apps::evaluate::Evaluator;
 use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::cluster::parts::Decision;
@@ -266,6 +267,14 @@ fn a_result_is_printed_without_its_arrays() {
     assert_eq!(format!("{hierarchy:?}"), format!("Hierarchy {{ faces: {}, .. }}", cut.labels().len()));
     let printed = format!("{cut:?}");
     assert!(printed.contains("MappedBytes { len: ") && printed.len() < 60_000, "{}: {printed}", printed.len());
+}
+
+/// Regression: the message began with a colon, since there was no file to name.
+#[test]
+fn edits_that_a_program_made_are_named() {
+    let edits = Edits { edits: vec![Edit::Merge { at: Vec::new() }], ..Edits::default() };
+    let error = Segmenter::new().edits(edits).run(&Mesh::creature(4_000).unwrap()).unwrap_err();
+    assert!(error.to_string().starts_with("<edits>: edit 1 (merge): "), "{error}");
 }
 
 /// Labels beyond `i32` became negative in a PLY; colours and names of another labelling went into files unnoticed; an

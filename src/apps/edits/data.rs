@@ -85,7 +85,7 @@ fn two() -> usize {
 /// The edits of one mesh.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Edits {
-    /// The file that they were read from, for messages.
+    /// The file that they were read from, for messages; empty if there is none.
     #[serde(skip)]
     pub path: PathBuf,
     /// Number of parts before the edits; if not given, the number found.

@@ -96,7 +96,7 @@ impl Edits {
     /// # Errors
     /// [`Error::Malformed`] naming the edit.
     pub fn check(&self) -> Result<()> {
-        let wrong = |problem: &str, remedy: &str| Err(Error::malformed(&self.path, "edits", problem, remedy));
+        let wrong = |problem: &str, remedy: &str| Err(Error::malformed(self.name(), "edits", problem, remedy));
         if self.parts.is_some() && self.detail.is_some() {
             return wrong("has both parts and detail", "keep one of them");
         }
@@ -135,7 +135,12 @@ impl Edits {
     /// The error for edit `number`, counted from 0.
     pub fn wrong(&self, number: usize, problem: impl Into<String>, remedy: impl Into<String>) -> Error {
         let kind = self.edits.get(number).map_or("", Edit::kind);
-        Error::malformed(&self.path, format!("edit {} ({kind})", number + 1), problem, remedy)
+        Error::malformed(self.name(), format!("edit {} ({kind})", number + 1), problem, remedy)
+    }
+
+    /// The file that they were read from; a stand-in for those that a program made.
+    fn name(&self) -> &Path {
+        if self.path.as_os_str().is_empty() { Path::new("<edits>") } else { &self.path }
     }
 
     /// The file's text.
