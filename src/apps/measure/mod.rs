@@ -5,7 +5,7 @@
 //! vertices. One pass over the faces sums up each part; a part's volume is given only if its surface is closed and
 //! consistently wound. Stray vertices count at their repaired positions ([`Mesh::without_strays`]). Cost: the graph (60
 //! bytes per face in a work directory or in memory), some 200 ns per face, [`PER_LABEL`] bytes per distinct label, 100
-//! per open edge while loops are counted, 8 per corner of faces with more than [`LONG`] corners and of their
+//! per open edge while loops are counted, 16 per corner of faces with more than [`LONG`] corners and of their
 //! neighbours, and some 200 per edge of three or more faces between labels, in a chunk.
 
 mod sums;
@@ -27,6 +27,7 @@ use serde_json::json;
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use sums::{Sums, Unit};
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Faces per chunk.
 const CHUNK: usize = 1 << 14;
@@ -81,10 +82,13 @@ struct Faces<'a> {
 #[derive(Default)]
 struct LongFaces {
     /// The edges of the neighbours of long faces.
-    around: HashMap<u32, Vec<(u32, u32)>>,
+    around: HashMap<u32, Vec<EdgeOf>>,
     /// The edges of neighbours that are long.
-    own: HashMap<u32, Vec<(u32, u32)>>,
+    own: HashMap<u32, Vec<EdgeOf>>,
 }
+
+/// An edge of a face: the hash of its ends in either order, the face, and the number of the corner that it leads to.
+type EdgeOf = (u64, u32, u32);
 
 /// The labels at edges of more than two sides, by the edges' ends, as in [`Faces::labels_at`].
 type SharedEdges = HashMap<[[u64; 3]; 2], BTreeMap<u32, u32>>;
@@ -92,6 +96,11 @@ type SharedEdges = HashMap<[[u64; 3]; 2], BTreeMap<u32, u32>>;
 /// The ends of an edge, the smaller first.
 fn ends([a, b]: [[u64; 3]; 2]) -> [[u64; 3]; 2] {
     if a < b { [a, b] } else { [b, a] }
+}
+
+/// A hash of the ends of an edge in either order. Other edges may have the same.
+fn hash(edge: [[u64; 3]; 2]) -> u64 {
+    xxh3_64(bytemuck::bytes_of(&ends(edge)))
 }
 
 /// The result of a chunk of faces: sums by label, and the open edges.
@@ -114,20 +123,20 @@ impl Faces<'_> {
         edges.filter(|(_, length)| *length != 0.).map(|(other, _)| other)
     }
 
-    /// The ends of the edge that leads to corner number `k` of a face.
-    fn edge(&self, (face, k): (u32, u32)) -> [[u64; 3]; 2] {
+    /// The ends of the edge that leads to corner number `k` of `face`.
+    fn edge(&self, face: u32, k: u32) -> [[u64; 3]; 2] {
         self.mesh.faces.with(face as usize, |corners| {
             let before = if k == 0 { corners.len() - 1 } else { k as usize - 1 };
             [corners[before], corners[k as usize]].map_each(|v| position_key(self.mesh.positions.get(v)))
         })
     }
 
-    /// The edges of `faces`, each as a face and a corner, sorted by their ends; equal ones in the order of the faces.
-    fn edges_of(&self, faces: impl IntoIterator<Item = u32>) -> Vec<(u32, u32)> {
+    /// The edges of `faces`, sorted by their hashes; equal ones in the order of the faces.
+    fn edges_of(&self, faces: impl IntoIterator<Item = u32>) -> Vec<EdgeOf> {
         let corners = |face: u32| self.mesh.faces.with(face as usize, |corners| corners.len() as u32);
-        let mut edges: Vec<(u32, u32)> =
-            faces.into_iter().flat_map(|face| (0..corners(face)).map(move |k| (face, k))).collect();
-        sort_by(&mut edges, |&x, &y| ends(self.edge(x)).cmp(&ends(self.edge(y))));
+        let of_face = |face| (0..corners(face)).map(move |k| (hash(self.edge(face, k)), face, k));
+        let mut edges: Vec<EdgeOf> = faces.into_iter().flat_map(of_face).collect();
+        sort_by(&mut edges, |x, y| x.0.cmp(&y.0));
         edges
     }
 
@@ -140,10 +149,11 @@ impl Faces<'_> {
             }
         };
         let is_long = |face: u32| self.mesh.faces.with(face as usize, |corners| corners.len() > LONG);
-        let among = |edges: &[(u32, u32)], look: &mut dyn FnMut(u32, [[u64; 3]; 2])| {
-            let first = edges.partition_point(|&edge| ends(self.edge(edge)) < ends([a, b]));
-            let alike = edges[first..].iter().take_while(|&&edge| ends(self.edge(edge)) == ends([a, b]));
-            alike.for_each(|&edge| look(edge.0, self.edge(edge)));
+        let among = |edges: &[EdgeOf], look: &mut dyn FnMut(u32, [[u64; 3]; 2])| {
+            let sought = hash([a, b]);
+            let first = edges.partition_point(|edge| edge.0 < sought);
+            let alike = edges[first..].iter().take_while(|edge| edge.0 == sought);
+            alike.for_each(|&(_, face, k)| look(face, self.edge(face, k)));
         };
         if is_long(face) {
             return among(long.around.entry(face).or_insert_with(|| self.edges_of(self.beside(face))), look);
