@@ -4,13 +4,13 @@
 //! Faces keep their corners' order and winding and get `int original_face`, their number in the input, `int label`,
 //! colour and quality; positions keep their precision. The files can be binary STL instead, for programs that read
 //! nothing else. On request parts are closed ([`caps`](super::caps)); triangles of caps have the `original_face` −1 and
-//! the quality 0. The list `parts.json`, written last, names the files. One bit per vertex and a count per [`BLOCK`] of
-//! them encode which vertices a part uses and their new numbers; a few passes over the labels
-//! ([`by_part`](super::by_part)).
+//! the quality 0. The list `parts.json`, written last, names the files. Cost: a [`RankedSet`] of vertices for those
+//! that a part uses and their new numbers, and a few passes over the labels ([`by_part`](super::by_part)).
 
 use super::by_part::{PartFaces, each_part};
 use super::caps::{Caps, Corner, EdgesAtCuts};
 use super::parts;
+use crate::base::bit_set::{BitSet, RankedSet};
 use crate::base::vector::{distance, dot, double_area, narrow, unit, wide};
 use crate::base::{Error, Result};
 use crate::mesh::output::{Gather, ends_with, publish};
@@ -30,8 +30,6 @@ const LONGEST: usize = 200;
 /// Maximum number of files that are synced one by one, some 6 ms each. More are synced together, which waits for other
 /// programs' files, too.
 const SYNCED_ALONE: usize = 100;
-/// Vertices per word.
-const BLOCK: usize = 64;
 /// Spacing of floats, in mean edges, above which the loss of precision is visible.
 const LOST: f64 = 0.01;
 
@@ -101,8 +99,9 @@ fn is_of_part(name: &str) -> bool {
 pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<Folder>, run: &Run) -> Result<()> {
     let Folder { form, cap } = form.into();
     let parts = parts(mesh, labelling)?;
-    let words = mesh.positions.len().div_ceil(BLOCK);
-    let _grant = run.budget.take("vertices of a part", 12 * words as u64, 12 * words as u64)?;
+    let vertices = mesh.positions.len();
+    let bytes = RankedSet::bytes(vertices);
+    let _grant = run.budget.take("vertices of a part", bytes, bytes)?;
     std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
     let list = folder.join(LIST);
     // A missing list marks the folder as incomplete.
@@ -110,7 +109,7 @@ pub fn write(folder: &Path, mesh: &Mesh, labelling: &Labelling, form: impl Into<
         std::fs::remove_file(&list).map_err(Error::io(&list, "remove"))?;
     }
     let encoder = Encoder { target: if form == PartForm::Text { Encoding::Ascii } else { Encoding::Little } };
-    let mut writer = Splitter { mesh, labelling, encoder, run, used: vec![0; words], before: vec![0; words] };
+    let mut writer = Splitter { mesh, labelling, encoder, run, used: RankedSet::of(BitSet::new(vertices)) };
     let (mut listed, mut open, mut files) = (Vec::new(), Vec::new(), BTreeSet::new());
     let rounds = form == PartForm::Stl && mesh.positions.is_double();
     let mut facets = Facets::default();
@@ -226,10 +225,8 @@ struct Splitter<'a> {
     labelling: &'a Labelling<'a>,
     encoder: Encoder,
     run: &'a Run<'a>,
-    /// One bit per vertex: whether the part uses it.
-    used: Vec<u64>,
-    /// Number of used vertices before each word.
-    before: Vec<u32>,
+    /// The vertices that the part uses.
+    used: RankedSet,
 }
 
 /// Counts of a part.
@@ -263,27 +260,24 @@ impl Splitter<'_> {
     /// Marks the vertices of `part` and counts.
     fn mark(&mut self, part: &PartFaces<'_>) -> Result<PartSize> {
         let mut used = std::mem::take(&mut self.used);
-        used.fill(0);
         let mut size = PartSize::default();
-        let marked = self.each(part, |_, corners| {
-            size.faces += 1;
-            size.corners += corners.len() as u64;
-            size.most_corners = size.most_corners.max(corners.len() as u64);
-            corners.iter().for_each(|&v| used[v as usize / BLOCK] |= 1 << (v as usize % BLOCK));
-            Ok(())
+        let marked = used.refill(|used| {
+            self.each(part, |_, corners| {
+                size.faces += 1;
+                size.corners += corners.len() as u64;
+                size.most_corners = size.most_corners.max(corners.len() as u64);
+                corners.iter().for_each(|&v| _ = used.add(v));
+                Ok(())
+            })
         });
+        size.vertices = used.count().into();
         self.used = used;
-        for (before, word) in self.before.iter_mut().zip(&self.used) {
-            *before = size.vertices as u32;
-            size.vertices += u64::from(word.count_ones());
-        }
         marked.map(|()| size)
     }
 
     /// The number of vertex `v` in the part.
     fn number(&self, v: u32) -> u32 {
-        let (word, bit) = (v as usize / BLOCK, v as usize % BLOCK);
-        self.before[word] + (self.used[word] & ((1 << bit) - 1)).count_ones()
+        self.used.rank(v).unwrap_or_default()
     }
 
     /// Writes the part of that size as PLY.
@@ -299,13 +293,8 @@ impl Splitter<'_> {
             .property("original_face", Scalar::I32);
         self.labelling.properties().iter().for_each(|&(name, scalar)| _ = header.property(name, scalar));
         out.buffer.append(&mut header.finish());
-        for (word, &bits) in self.used.iter().enumerate() {
-            let mut left = bits;
-            while left != 0 {
-                let v = (word * BLOCK) as u32 + left.trailing_zeros();
-                self.vertex(self.mesh.positions.get(v), &mut out.buffer);
-                left &= left - 1;
-            }
+        for v in self.used.iter() {
+            self.vertex(self.mesh.positions.get(v), &mut out.buffer);
             out.flush_if_full()?;
         }
         caps.centres.iter().for_each(|&p| self.vertex(p, &mut out.buffer));

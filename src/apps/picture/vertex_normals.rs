@@ -8,6 +8,7 @@
 use super::camera::Vec3;
 use crate::apps::vertex_sums::{CHUNK, SMOOTH, VertexSums, each_corner};
 use crate::base::Result;
+use crate::base::bit_set::RankedSet;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{MapEach, add_scaled, dot, is_zero, unit};
 use crate::mesh::Mesh;
@@ -33,19 +34,12 @@ pub(super) struct VertexNormals {
 
 /// The corners at vertices where the surface has a crease.
 struct Creases {
-    ranks: Ranks,
+    vertices: RankedSet,
     /// First corner of each vertex with a crease, followed by the end.
     starts: ScratchArray<u32>,
     /// Normals of the corners' faces, scaled by their angles.
     corners: ScratchArray<[f32; 3]>,
     _work: WorkDir,
-}
-
-/// The vertices with a crease.
-struct Ranks {
-    /// One bit per vertex, and the number of set bits before each word.
-    bits: Vec<u64>,
-    before: Vec<u32>,
 }
 
 impl VertexNormals {
@@ -95,23 +89,18 @@ impl Creases {
             Ok(())
         };
         run.map_chunks(chunk_count(n, CHUNK), || (), mark)?;
-        let bits: Vec<u64> = marks.into_iter().map(AtomicU64::into_inner).collect();
-        let (mut before, mut creased) = (Vec::with_capacity(bits.len()), 0u32);
-        for word in &bits {
-            before.push(creased);
-            creased += word.count_ones();
-        }
-        if creased == 0 {
+        let marks = marks.into_iter().map(AtomicU64::into_inner).collect::<Vec<u64>>();
+        let vertices = RankedSet::of(marks.into());
+        if vertices.count() == 0 {
             return Ok(None);
         }
-        let ranks = Ranks { bits, before };
         let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
         let context = Context::new(&work, run);
         let each = |take: &mut dyn FnMut(u32, [f32; 3])| {
             let find = |k, (): &mut ()| {
                 let mut found = Vec::new();
                 each_corner(mesh, chunk_range(n, COLLECTED, k), |vertex, normal, angle| {
-                    found.extend(ranks.of(vertex).map(|rank| (rank, normal.map_each(|x| (x * angle) as f32))));
+                    found.extend(vertices.rank(vertex).map(|rank| (rank, normal.map_each(|x| (x * angle) as f32))));
                 });
                 Ok(found)
             };
@@ -126,7 +115,7 @@ impl Creases {
             )
         };
         // One place ahead: each start moves to the next one's place while its corners are filled in.
-        let mut starts = ScratchArray::<u32>::new("crease_starts.tmp", creased as usize + 2, context)?;
+        let mut starts = ScratchArray::<u32>::new("crease_starts.tmp", vertices.count() as usize + 2, context)?;
         each(&mut |rank, _| starts[rank as usize + 2] += 1)?;
         for k in 1..starts.len() {
             starts[k] += starts[k - 1];
@@ -138,24 +127,14 @@ impl Creases {
             corners[*next as usize] = normal;
             *next += 1;
         })?;
-        Ok(Some(Self { ranks, starts, corners, _work: work }))
+        Ok(Some(Self { vertices, starts, corners, _work: work }))
     }
 
     /// The corners at `vertex`, if it has a crease.
     #[inline]
     fn at(&self, vertex: u32) -> Option<&[[f32; 3]]> {
-        let rank = self.ranks.of(vertex)? as usize;
+        let rank = self.vertices.rank(vertex)? as usize;
         self.corners.get(*self.starts.get(rank)? as usize..*self.starts.get(rank + 1)? as usize)
-    }
-}
-
-impl Ranks {
-    /// The index of `vertex` among those with a crease.
-    #[inline]
-    fn of(&self, vertex: u32) -> Option<u32> {
-        let word = self.bits.get(vertex as usize / 64)?;
-        let bit = vertex % 64;
-        (word >> bit & 1 == 1).then(|| self.before[vertex as usize / 64] + (word & ((1 << bit) - 1)).count_ones())
     }
 }
 
