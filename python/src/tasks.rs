@@ -139,7 +139,10 @@ pub fn picture<'py>(
     let params = params.legend(legend).lines(lines).up(up).turn(turn).tilt(tilt);
     let (labels, colours) = (labels.map(|labels| labels.as_array().to_vec()), self::colours(&colours)?);
     let mesh = mesh.current()?;
-    let image = run(py, |run| render_named(mesh, labels.as_deref(), (&colours, &names), &params, run))?;
+    let image = run(py, |run| {
+        let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
+        render_named(mesh, labels.as_deref(), (&colours, &names), &params, Context::new(&work, run))
+    })?;
     image.pixels.as_flattened().to_pyarray(py).reshape([image.height, image.width, 4])
 }
 

@@ -109,7 +109,7 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
         _ => Vec::new(),
     };
     let names = labelled.map_or_else(Vec::new, |labelled| labelled.names);
-    let draw = || render_named(&opened, labels.as_deref(), (&colours, &names), &params, &run);
+    let draw = || render_named(&opened, labels.as_deref(), (&colours, &names), &params, Context::new(&work, &run));
     let (image, _) = run.stage("draw", "faces", (faces * params.views) as u64, draw)?;
     run.stage("write", "pixels", (image.width * image.height) as u64, || image.write_png(&target))?;
     Ok(())

@@ -5,7 +5,7 @@ use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs};
 use super::output::JsonArgs;
 use super::sink::{check_is_no_stream, check_places, folder_of, print};
-use nystrom_stream::apps::picture::{PictureParams, render};
+use nystrom_stream::apps::picture::{PictureParams, render_named};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
 use nystrom_stream::mesh::Mesh;
 use nystrom_stream::mesh::ply::labelled::PlyForm;
@@ -218,7 +218,7 @@ fn write(
         Target::Png(path) => {
             let (labels, colours) = gradient(&sequence.places, context.work)?;
             let params = PictureParams::default().legend(false).lines(false);
-            render(mesh, Some(&labels), &colours, &params, context.run)?.write_png(path)
+            render_named(mesh, Some(&labels), (&colours, &[]), &params, context)?.write_png(path)
         }
     };
     context.run.stage("write", "faces", faces, each)?;

@@ -5,7 +5,7 @@
 
 use super::carry::Colours;
 use super::matches::Match;
-use crate::apps::picture::{Image, PictureParams, render};
+use crate::apps::picture::{Image, PictureParams, render_named};
 use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::Context;
@@ -16,7 +16,7 @@ const LEVELS: u32 = 24;
 /// Draws A and B, each in half of a sheet of the size in `params`.
 ///
 /// # Errors
-/// As [`render`].
+/// As [`render_named`].
 pub fn side_by_side(
     a: &Mesh,
     b: &Mesh,
@@ -48,7 +48,7 @@ fn draw(
     let shade = |level: u32| ((2 * level + 1) * 128 / LEVELS) as u8;
     let palette: Vec<[u8; 3]> =
         (0..LEVELS.pow(3)).map(|k| [k / (LEVELS * LEVELS), k / LEVELS % LEVELS, k % LEVELS].map(shade)).collect();
-    render(mesh, Some(&labels.data()[..]), &palette, params, context.run)
+    render_named(mesh, Some(&labels.data()[..]), (&palette, &[]), params, context)
 }
 
 /// The quantised mean of `colours`, of which a face may have millions.

@@ -19,8 +19,8 @@ pub use sheet::{PictureParams, Up};
 use crate::base::{Error, Result};
 use crate::graph;
 use crate::mesh::Mesh;
-use crate::store::Run;
 use crate::store::budget::Grant;
+use crate::store::{Context, Run, WorkDir};
 use camera::Frame;
 pub use image::Image;
 use shading::UNLABELLED_COLOUR;
@@ -59,10 +59,12 @@ pub fn render(
     params: &PictureParams,
     run: &Run,
 ) -> Result<Image> {
-    render_named(mesh, labels, (colours, &[]), params, run)
+    let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
+    render_named(mesh, labels, (colours, &[]), params, Context::new(&work, run))
 }
 
-/// [`render`] with names of parts, one per colour and empty for none, in the legend.
+/// [`render`] with names of parts, one per colour and empty for none, in the legend, and with files in a work directory
+/// where memory is short.
 ///
 /// # Errors
 /// As [`render`].
@@ -71,8 +73,9 @@ pub fn render_named(
     labels: Option<&[u32]>,
     (colours, names): (&[[u8; 3]], &[String]),
     params: &PictureParams,
-    run: &Run,
+    context: Context<'_>,
 ) -> Result<Image> {
+    let run = context.run;
     params.check()?;
     let (mesh, _grant_of_it) = &in_common_size(mesh, run)?;
     let mesh = &mesh.without_strays(run)?;
@@ -95,7 +98,7 @@ pub fn render_named(
     let extents = raster::extents(mesh, &frames, run)?;
     let room = params.width - legend.as_ref().map_or(0, Legend::width).min(params.width / 2);
     let sheet = Sheet::of(&extents, room, params.height);
-    let vertex_normals = if smooth { Some(VertexNormals::of(mesh, run)?) } else { None };
+    let vertex_normals = if smooth { Some(VertexNormals::of(mesh, context)?) } else { None };
     // Labels may be in the billions, so only this is stored per label.
     let tints = if labels.is_some() { colours } else { &[UNLABELLED_COLOUR] };
     let white = if params.transparent { [255, 255, 255, 0] } else { [255; 4] };

@@ -3,7 +3,7 @@
 //! If a face is steeper to the [mean normal](crate::apps::vertex_sums) of its vertex than [`SMOOTH`], the surface has a
 //! crease at the vertex; each corner there gets the sum of only those faces that are within [`SAME`] of its own. So a
 //! box has flat sides and sharp edges, and a cylinder a smooth side and a sharp rim. 12 bytes per vertex; 12 per corner
-//! at creases and 4 per vertex there, in a file of the system's temporary folder where memory is short.
+//! at creases and 4 per vertex there, in a file of the work directory where memory is short.
 
 use super::camera::Vec3;
 use crate::apps::vertex_sums::{CHUNK, SMOOTH, VertexSums, each_corner};
@@ -12,7 +12,7 @@ use crate::base::bit_set::RankedSet;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{MapEach, add_scaled, dot, is_zero, unit};
 use crate::mesh::Mesh;
-use crate::store::{Context, Run, ScratchArray, WorkDir};
+use crate::store::{Context, ScratchArray};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Minimum cosine (60°) for two faces at a crease to be on the same side.
@@ -39,14 +39,13 @@ struct Creases {
     starts: ScratchArray<u32>,
     /// Normals of the corners' faces, scaled by their angles.
     corners: ScratchArray<[f32; 3]>,
-    _work: WorkDir,
 }
 
 impl VertexNormals {
     /// Sums the normals of all faces, and finds the creases.
-    pub(super) fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
-        let sums = VertexSums::of(mesh, run)?;
-        let creases = Creases::of(mesh, &sums, run)?;
+    pub(super) fn of(mesh: &Mesh, context: Context<'_>) -> Result<Self> {
+        let sums = VertexSums::of(mesh, context.run)?;
+        let creases = Creases::of(mesh, &sums, context)?;
         Ok(Self { sums, creases })
     }
 
@@ -77,7 +76,8 @@ impl VertexNormals {
 
 impl Creases {
     /// Those of `mesh`, whose normals have these `sums`.
-    fn of(mesh: &Mesh, sums: &VertexSums, run: &Run) -> Result<Option<Self>> {
+    fn of(mesh: &Mesh, sums: &VertexSums, context: Context<'_>) -> Result<Option<Self>> {
+        let run = context.run;
         let n = mesh.faces.len();
         let marks: Vec<AtomicU64> = (0..sums.len().div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         let mark = |k, (): &mut ()| {
@@ -94,8 +94,6 @@ impl Creases {
         if vertices.count() == 0 {
             return Ok(None);
         }
-        let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
-        let context = Context::new(&work, run);
         let each = |take: &mut dyn FnMut(u32, [f32; 3])| {
             let find = |k, (): &mut ()| {
                 let mut found = Vec::new();
@@ -127,7 +125,7 @@ impl Creases {
             corners[*next as usize] = normal;
             *next += 1;
         })?;
-        Ok(Some(Self { vertices, starts, corners, _work: work }))
+        Ok(Some(Self { vertices, starts, corners }))
     }
 
     /// The corners at `vertex`, if it has a crease.
@@ -143,7 +141,7 @@ mod tests {
     use super::super::raster::each_triangle;
     use super::*;
     use crate::base::vector::double_area;
-    use crate::store::Budget;
+    use crate::store::{Budget, Run, WorkDir};
 
     /// A closed prism with `sides` sides and two lids.
     fn prism(sides: usize) -> Mesh {
@@ -161,7 +159,9 @@ mod tests {
     }
 
     fn each(mesh: &Mesh, mut visit: impl FnMut(Vec3, Vec3, Vec3)) {
-        let normals = VertexNormals::of(mesh, &Run::new(&())).unwrap();
+        let (run, folder) = (Run::new(&()), tempfile::tempdir().unwrap());
+        let work = WorkDir::in_memory(folder.path(), &run.budget);
+        let normals = VertexNormals::of(mesh, Context::new(&work, &run)).unwrap();
         each_triangle(mesh, 0..mesh.faces.len(), |_, corners, at| {
             let own = unit(double_area(at));
             (0..3).for_each(|k| visit(at[k], own, normals.at(corners[k], own)));
@@ -182,13 +182,17 @@ mod tests {
         });
     }
 
-    /// Regression: corners at creases were flat where memory was short.
+    /// Regressions: corners at creases were flat where memory was short; later their files were in the system's
+    /// temporary folder, whatever folder was given.
     #[test]
     fn normals_are_the_same_whatever_the_memory() {
         let mesh = prism(24);
         let all = |budget: u64, threads: usize| {
             let run = Run { budget: Budget::new(budget), threads, ..Run::new(&()) };
-            let normals = VertexNormals::of(&mesh, &run).unwrap();
+            let folder = tempfile::tempdir().unwrap();
+            let work = WorkDir::in_memory(folder.path(), &run.budget);
+            let normals = VertexNormals::of(&mesh, Context::new(&work, &run)).unwrap();
+            assert_eq!(std::fs::read_dir(folder.path()).unwrap().next().is_some(), budget == 0);
             let mut all = Vec::new();
             each_triangle(&mesh, 0..mesh.faces.len(), |_, corners, at| {
                 all.extend(corners.map(|corner| normals.at(corner, unit(double_area(at)))));
