@@ -6,8 +6,7 @@ use super::options::CliError;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::obj::material_file;
 use nystrom_stream::base::{Error, Result};
-use nystrom_stream::pipeline::input;
-use nystrom_stream::store::{WorkDir, json, partial_name};
+use nystrom_stream::store::{json, partial_name};
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::Write;
@@ -174,11 +173,6 @@ pub fn check_places<'a>(
     check_distinct(inputs, outputs.clone())?;
     check_outside(folder, outputs.clone())?;
     Ok(outputs.into_iter().try_for_each(|path| Sink::of(path).check())?)
-}
-
-/// The mesh of the work directory `folder`.
-pub fn recorded_mesh(folder: &Path) -> Option<PathBuf> {
-    input::recorded_mesh(&WorkDir::open_any(folder).ok()?)
 }
 
 /// Rejects outputs that would overwrite an input, or each other, also by a file that is written on the way to one, or

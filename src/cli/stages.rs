@@ -14,7 +14,7 @@ use super::options::{
 use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, closing_line, outputs_of, scratch_folder};
 use super::progress::counted;
 use super::results::Cut;
-use super::sink::{check_places, print, recorded_mesh};
+use super::sink::{check_places, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::line;
@@ -304,10 +304,12 @@ fn shared(step: ShareStep, args: &RowsArgs, mut params: SegmentParams, app: &App
 pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.shown.bars();
     let run = Run { cancel: app.cancel.clone(), ..Run::new(&bars) };
-    check_places(&recorded_mesh(args.place.path()), Some(args.place.path()), &args.json.json)?;
-    let work = open(args.place.path(), &run)?;
+    let folder = args.place.path();
+    // Opened read-only first: a missing one is not created.
+    check_places(&input::recorded_mesh(&WorkDir::open_existing(folder)?), Some(folder), &args.json.json)?;
+    let work = open(folder, &run)?;
     let rows = shard::merge(Context::new(&work, &run))?;
-    let answer = json!({"work_dir": args.place.path().to_string_lossy(), "rows": rows.len(), "faces": rows.nodes});
+    let answer = json!({"work_dir": folder.to_string_lossy(), "rows": rows.len(), "faces": rows.nodes});
     Ok(args.json.publish_with(answer, bars.log())?)
 }
 

@@ -770,6 +770,9 @@ fn outputs_replace_no_mesh_and_no_folder() {
     let json = format!("--json={}", word(&mesh));
     for command in ["info", "verify", "merge"] {
         refused(&[command, "--work-dir", word(&work), &json], 2, "is an input, and would be overwritten");
+        // Regression: `merge` left an empty work directory.
+        refused(&[command, "--work-dir", word(&path("missing"))], 1, "is not a work directory");
+        assert!(!path("missing").exists());
     }
     let folder = format!("--json={}", word(dir.path()));
     refused(&["segment", word(&mesh), "-o", &outputs[1], &folder], 1, "is a folder; give a file");
