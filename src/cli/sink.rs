@@ -4,9 +4,11 @@
 
 use super::options::CliError;
 use nystrom_stream::apps::export::Form;
-use nystrom_stream::apps::export::obj::material_file;
+use nystrom_stream::apps::export::obj::{has_texture, material_file, material_libraries};
 use nystrom_stream::base::{Error, Result};
+use nystrom_stream::mesh::ends_with;
 use nystrom_stream::store::{json, partial_name};
+use std::cell::LazyCell;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::Write;
@@ -175,21 +177,29 @@ pub fn check_places<'a>(
     Ok(outputs.into_iter().try_for_each(|path| Sink::of(path).check())?)
 }
 
-/// Rejects outputs that would overwrite an input, or each other, also by a file that is written on the way to one, or
-/// beside it.
+/// Rejects outputs that would overwrite an input, a material library or a texture of one, or each other, also by a file
+/// that is written on the way to one, or beside it.
 pub fn check_distinct<'a>(
     inputs: impl IntoIterator<Item = &'a PathBuf>,
     outputs: impl IntoIterator<Item = &'a PathBuf>,
 ) -> Result<(), CliError> {
     let stdout = Path::new("-");
-    let inputs = inputs.into_iter().filter(|path| *path != stdout);
-    let inputs: HashSet<PathBuf> = inputs.filter_map(|path| place(path)).collect();
+    let given: Vec<&PathBuf> = inputs.into_iter().filter(|path| *path != stdout).collect();
+    let inputs: HashSet<PathBuf> = given.iter().filter_map(|path| place(path)).collect();
+    let libraries = LazyCell::new(|| given.iter().flat_map(|path| material_libraries(path)).collect::<Vec<_>>());
+    // Finding the libraries takes a pass over each OBJ, so other names are not looked up.
+    let is_named = |path: &Path| ["mtl", "png"].iter().any(|ending| ends_with(path, ending)) && path.is_file();
+    let is_library = |at: &Path| libraries.iter().any(|library| place(library).is_some_and(|place| place == at));
+    let is_texture = |path: &Path| libraries.iter().any(|library| has_texture(library, path));
     let mut seen = BTreeMap::new();
     for path in outputs {
         let partial = place(&partial_name(path)).unwrap_or_default();
         let Some(place) = place(path) else { continue };
         let problem = match () {
             () if inputs.contains(&place) => "is an input, and would be overwritten; choose another file",
+            () if is_named(path) && (is_library(&place) || is_texture(path)) => {
+                "is a material library or a texture of an input, and would be overwritten; choose another file"
+            }
             () if inputs.contains(&partial) => {
                 "is written to a .partial file first, which is an input; choose another file"
             }

@@ -326,6 +326,28 @@ fn nothing_is_written_over_an_input_or_another_output() {
         let told = format!("{} is written with it, and is another output", word(report));
         assert!(output.status.code() == Some(2) && errors(&output).contains(&told), "{}", errors(&output));
     }
+    // Regression: `picture scan.obj` drew over a texture of the scan.
+    let [scan, texture, skin] = ["scan.obj", "scan.png", "my skin.png"].map(|name| dir.path().join(name));
+    let text = "mtllib scan.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl skin\nf 1 2 3\n";
+    std::fs::write(&scan, text).unwrap();
+    let library = scan.with_extension("mtl");
+    std::fs::write(&library, "newmtl skin\nmap_Kd scan.png\nmap_Bump -bm 0.5 my skin.png\n").unwrap();
+    let json = format!("--json={}", word(&library));
+    for (file, words) in [
+        (&texture, &["picture", word(&scan)][..]),
+        (&skin, &["picture", word(&scan), "-o", word(&skin)]),
+        (&library, &["info", word(&scan), &json]),
+    ] {
+        if file != &library {
+            std::fs::write(file, "pixels").unwrap();
+        }
+        let before = std::fs::read(file).unwrap();
+        let output = run(words);
+        let told = errors(&output);
+        assert!(output.status.code() == Some(2) && told.contains("a texture of an input"), "{words:?}: {told}");
+        assert_eq!(std::fs::read(file).unwrap(), before);
+        std::fs::remove_file(file).unwrap();
+    }
     // A file of another program is not overwritten by materials, which get another name.
     std::fs::write(&materials, "newmtl skin\n").unwrap();
     common::segment(Path::new(mesh), &["-q", "-o", word(&obj), &format!("--json={}", word(&materials))]);

@@ -11,7 +11,7 @@ use super::by_part::{PartFaces, each_part};
 use super::split::plain_name;
 use super::{CHUNK, parts, scratch_beside};
 use crate::base::{Error, Result};
-use crate::mesh::import::statements;
+use crate::mesh::import::{self, statements};
 use crate::mesh::output::{Gather, publish};
 use crate::mesh::ply::{Encoder, Encoding, Scalar};
 use crate::mesh::{Labelling, Mesh};
@@ -27,6 +27,10 @@ use std::path::{Path, PathBuf};
 const OURS: &str = "# colours of parts, by nystrom-stream\n";
 /// A material that no library contains; it resets faces to the state before the first `usemtl`.
 const NO_MATERIAL: &[u8] = b"usemtl no_material";
+/// Keywords of textures in a material library, besides those that begin with `map_`.
+const TEXTURES: [&[u8]; 5] = [b"bump", b"decal", b"disp", b"norm", b"refl"];
+/// Maximum number of bytes of a path.
+const LONGEST_PATH: usize = 4096;
 
 /// The text of an OBJ input, with its faces.
 struct Source<'a> {
@@ -159,7 +163,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     let parts = parts(mesh, labelling)?;
     let n = mesh.faces.len();
     let bytes = match MappedBytes::open(mesh.path()) {
-        Ok(bytes) if crate::mesh::import::name(mesh.path(), &bytes) == "OBJ" => Some(bytes),
+        Ok(bytes) if import::name(mesh.path(), &bytes) == "OBJ" => Some(bytes),
         _ => None,
     };
     let work = scratch_beside(path, run);
@@ -208,6 +212,39 @@ fn libraries(names: &[u8], folder: &Path) -> Vec<PathBuf> {
     let whole = [names, plain].map(place).into_iter().find(|place| place.exists());
     let words = || plain.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
     whole.map_or_else(|| words().map(place).collect(), |place| vec![place])
+}
+
+/// The content of the file `path`; `None` if it cannot be read, or is a pipe or a device.
+fn content(path: &Path) -> Option<MappedBytes> {
+    path.is_file().then(|| MappedBytes::open(path).ok()).flatten()
+}
+
+fn folder(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new(""))
+}
+
+/// The material libraries that the OBJ file `path` names, in one pass over its text; none if it is no OBJ, or
+/// compressed.
+pub fn material_libraries(path: &Path) -> BTreeSet<PathBuf> {
+    let Some(bytes) = content(path).filter(|bytes| import::name(path, bytes) == "OBJ") else { return BTreeSet::new() };
+    let lines = statements(&bytes).filter(|(keyword, _)| *keyword == b"mtllib");
+    lines.flat_map(|(keyword, text)| libraries(&text[keyword.len()..], folder(path))).collect()
+}
+
+/// Whether the material library `path` names the existing `file` as a texture. Its name is the end of the line, after
+/// options, and may have blanks.
+pub fn has_texture(path: &Path, file: &Path) -> bool {
+    let (Some(bytes), Some(name), Ok(place)) = (content(path), file.file_name(), file.canonicalize()) else {
+        return false;
+    };
+    statements(&bytes).any(|(keyword, text)| {
+        let keyword = keyword.to_ascii_lowercase();
+        let is_texture = keyword.starts_with(b"map_") || TEXTURES.contains(&&keyword[..]);
+        let from = keyword.len().max(text.len().saturating_sub(LONGEST_PATH));
+        let ends = || (from..text.len()).filter(|&k| text[k].is_ascii_whitespace()).map(|k| text[k..].trim_ascii());
+        let at = |end: &[u8]| folder(path).join(OsStr::from_bytes(end)).canonicalize();
+        is_texture && text.ends_with(name.as_bytes()) && ends().any(|end| at(end).is_ok_and(|at| at == place))
+    })
 }
 
 /// Everything in the input except faces and their attributes; material libraries only if faces use materials.
