@@ -148,6 +148,9 @@ fn measured(m: &MeshMeasures) -> String {
             None if m.degenerate_faces > 0 => {
                 "none: faces are not consistently oriented or lack finite coordinates".into()
             }
+            None if m.nonmanifold_edges > 0 => {
+                "none: faces are not consistently oriented, or an edge has an odd number of faces".into()
+            }
             None => "none: faces are not consistently oriented".into(),
         },
     ));

@@ -2,12 +2,14 @@
 //! borders between parts.
 //!
 //! Adjacent faces come from the [dual graph](crate::graph), so edges at the same position count as one whatever their
-//! vertices. One pass over the faces sums up each part; a part's volume is given only if its surface is closed and
-//! consistently wound. Stray vertices count at their repaired positions ([`Mesh::without_strays`]). Cost: the graph (60
-//! bytes per face in a work directory or in memory), some 200 ns per face, [`PER_LABEL`] bytes per distinct label, 100
-//! per open edge while loops are counted, 16 per corner of faces with more than [`LONG`] corners and of their
-//! neighbours, and some 200 per edge of three or more faces between labels, in a chunk.
+//! vertices. At an edge of more than two faces a surface is closed if as many run one way as the other. One pass over
+//! the faces sums up each part; a part's volume is given only if its surface is closed and consistently wound. Stray
+//! vertices count at their repaired positions ([`Mesh::without_strays`]). Cost: the graph (60 bytes per face in a work
+//! directory or in memory), some 200 ns per face, [`PER_LABEL`] bytes per distinct label, 100 per open edge while loops
+//! are counted, 16 per corner of faces with more than 64 corners and of their neighbours, and some 200 per edge of three
+//! or more faces, in a chunk.
 
+mod adjacency;
 mod sums;
 mod table;
 
@@ -15,24 +17,21 @@ pub use sums::{Measures, Neighbour};
 pub use table::table;
 
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::sort::{map_of, sort_by};
+use crate::base::sort::map_of;
 use crate::base::union_find::Forest;
 use crate::base::vector::{MapEach, finite, position_key};
 use crate::base::{Error, Result};
-use crate::graph::{Csr, DualGraph, GraphFacts};
+use crate::graph::{DualGraph, GraphFacts};
 use crate::mesh::Mesh;
 use crate::store::Context;
+use adjacency::{Faces, LongFaces, SharedEdge, SharedEdges, ends};
 use serde::Serialize;
 use serde_json::json;
-use std::collections::hash_map::Entry;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 use sums::{Sums, Unit};
-use xxhash_rust::xxh3::xxh3_64;
 
 /// Faces per chunk.
 const CHUNK: usize = 1 << 14;
-/// Number of corners from which a face's edges are found by lookup.
-const LONG: usize = 64;
 /// Bytes per open edge while loops are counted.
 const OPEN: u64 = 100;
 /// Bytes per label: sums, measures, and a row of a table.
@@ -68,155 +67,10 @@ pub struct MeshMeasures {
     pub all: Measures,
 }
 
-/// The mesh with its adjacency.
-struct Faces<'a> {
-    mesh: &'a Mesh,
-    labels: Option<&'a [u32]>,
-    neighbours: Csr<'a>,
-    unit: Unit,
-    /// Whether no face is degenerate, so that faces need not be checked for finite positions.
-    whole: bool,
-}
-
-/// Sorted edges around long faces, so that each corner is a lookup instead of a comparison with all others.
-#[derive(Default)]
-struct LongFaces {
-    /// The edges of the neighbours of long faces.
-    around: HashMap<u32, Vec<EdgeOf>>,
-    /// The edges of neighbours that are long.
-    own: HashMap<u32, Vec<EdgeOf>>,
-}
-
-/// An edge of a face: the hash of its ends in either order, the face, and the number of the corner that it leads to.
-type EdgeOf = (u64, u32, u32);
-
-/// The labels at edges of more than two sides, by the edges' ends, as in [`Faces::labels_at`].
-type SharedEdges = HashMap<[[u64; 3]; 2], BTreeMap<u32, u32>>;
-
-/// The ends of an edge, the smaller first.
-fn ends([a, b]: [[u64; 3]; 2]) -> [[u64; 3]; 2] {
-    if a < b { [a, b] } else { [b, a] }
-}
-
-/// A hash of the ends of an edge in either order. Other edges may have the same.
-fn hash(edge: [[u64; 3]; 2]) -> u64 {
-    xxh3_64(bytemuck::bytes_of(&ends(edge)))
-}
-
 /// The result of a chunk of faces: sums by label, and the open edges.
 type Share = (BTreeMap<u32, Sums>, Vec<[[u64; 3]; 2]>);
 
 impl Faces<'_> {
-    fn label(&self, face: u32) -> u32 {
-        self.labels.map_or(0, |labels| labels[face as usize])
-    }
-
-    /// Whether all `corners` of a face are finite: other faces have no area.
-    fn is_in_space(&self, corners: &[u32]) -> bool {
-        self.whole || corners.iter().all(|&v| finite(self.mesh.positions.get(v)))
-    }
-
-    /// The faces that share an edge with `face`. A bridge leads to another body, which may touch this one, but shares
-    /// no edge.
-    fn beside(&self, face: u32) -> impl Iterator<Item = u32> {
-        let edges = self.neighbours.neighbours(face);
-        edges.filter(|(_, length)| *length != 0.).map(|(other, _)| other)
-    }
-
-    /// The ends of the edge that leads to corner number `k` of `face`.
-    fn edge(&self, face: u32, k: u32) -> [[u64; 3]; 2] {
-        self.mesh.faces.with(face as usize, |corners| {
-            let before = if k == 0 { corners.len() - 1 } else { k as usize - 1 };
-            [corners[before], corners[k as usize]].map_each(|v| position_key(self.mesh.positions.get(v)))
-        })
-    }
-
-    /// The edges of `faces`, sorted by their hashes; equal ones in the order of the faces.
-    fn edges_of(&self, faces: impl IntoIterator<Item = u32>) -> Vec<EdgeOf> {
-        let corners = |face: u32| self.mesh.faces.with(face as usize, |corners| corners.len() as u32);
-        let of_face = |face| (0..corners(face)).map(move |k| (hash(self.edge(face, k)), face, k));
-        let mut edges: Vec<EdgeOf> = faces.into_iter().flat_map(of_face).collect();
-        sort_by(&mut edges, |x, y| x.0.cmp(&y.0));
-        edges
-    }
-
-    /// Passes to `look` each neighbour of `face` with an edge between `a` and `b`, and whether it runs from `a` to `b`.
-    fn for_each_across(&self, face: u32, [a, b]: [[u64; 3]; 2], long: &mut LongFaces, look: &mut dyn FnMut(u32, bool)) {
-        let look = &mut |other: u32, [before, at]: [[u64; 3]; 2]| {
-            let (back, along) = (before == b && at == a, before == a && at == b);
-            if back || along {
-                look(other, !back);
-            }
-        };
-        let is_long = |face: u32| self.mesh.faces.with(face as usize, |corners| corners.len() > LONG);
-        let among = |edges: &[EdgeOf], look: &mut dyn FnMut(u32, [[u64; 3]; 2])| {
-            let sought = hash([a, b]);
-            let first = edges.partition_point(|edge| edge.0 < sought);
-            let alike = edges[first..].iter().take_while(|edge| edge.0 == sought);
-            alike.for_each(|&(_, face, k)| look(face, self.edge(face, k)));
-        };
-        if is_long(face) {
-            return among(long.around.entry(face).or_insert_with(|| self.edges_of(self.beside(face))), look);
-        }
-        for other in self.beside(face) {
-            if is_long(other) {
-                among(long.own.entry(other).or_insert_with(|| self.edges_of([other])), look);
-                continue;
-            }
-            self.mesh.faces.with(other as usize, |corners| {
-                let mut before = corners.last().map(|&v| position_key(self.mesh.positions.get(v)));
-                for &v in corners {
-                    let at = position_key(self.mesh.positions.get(v));
-                    before.into_iter().for_each(|before| look(other, [before, at]));
-                    before = Some(at);
-                }
-            });
-        }
-    }
-
-    /// The neighbour across the edge between `a` and `b` of `face`, preferring one of another label, then one of
-    /// consistent winding; also returns whether the winding contradicts.
-    fn across(&self, face: u32, [a, b]: [[u64; 3]; 2], long: &mut LongFaces) -> Option<(u32, bool)> {
-        let rank = |(other, along): (u32, bool)| (self.label(other) == self.label(face), along);
-        let mut found: Option<(u32, bool)> = None;
-        self.for_each_across(face, [a, b], long, &mut |other, along| {
-            let one = (other, along);
-            found = Some(found.map_or(one, |known| if rank(one) < rank(known) { one } else { known }));
-        });
-        found
-    }
-
-    /// The labels at the edge between `a` and `b` of `face`, if it has more than two sides: for each the face that
-    /// counts the edge, the first with a neighbour of another label there. The graph links such faces in a chain, so
-    /// not all of them are neighbours of each other.
-    fn labels_at<'e>(
-        &self,
-        face: u32,
-        [a, b]: [[u64; 3]; 2],
-        long: &mut LongFaces,
-        shared: &'e mut SharedEdges,
-    ) -> Option<&'e BTreeMap<u32, u32>> {
-        let free = match shared.entry(ends([a, b])) {
-            Entry::Occupied(known) => return Some(known.into_mut()),
-            Entry::Vacant(free) => free,
-        };
-        let (mut seen, mut next, mut sides) = (BTreeSet::from([face]), vec![face], 0);
-        let mut labels = BTreeMap::new();
-        while let Some(side) = next.pop() {
-            let label = self.label(side);
-            self.for_each_across(side, [a, b], long, &mut |other, _| {
-                sides += 1;
-                if self.label(other) != label {
-                    labels.entry(label).and_modify(|first| *first = side.min(*first)).or_insert(side);
-                }
-                if seen.insert(other) {
-                    next.push(other);
-                }
-            });
-        }
-        (sides > 2).then(|| &*free.insert(labels))
-    }
-
     fn share(&self, range: std::ops::Range<usize>, wants_open: bool) -> Share {
         let (mut sums, mut open, mut long) = (BTreeMap::<u32, Sums>::new(), Vec::new(), LongFaces::default());
         let mut shared = SharedEdges::new();
@@ -245,20 +99,27 @@ impl Faces<'_> {
                             open.push([a, b]);
                         }
                     }
-                    Some((other, along)) => {
+                    Some((other, along, several)) => {
                         // Next to a face without a position there is a hole, which has no open edges.
                         let is_hole = || {
                             !self.whole && !self.mesh.faces.with(other as usize, |corners| self.is_in_space(corners))
                         };
-                        mine.clashes += u64::from(along || is_hole());
+                        mine.clashes += u64::from(is_hole());
                         let other = self.label(other);
-                        if other == label {
+                        let unlike = other != label;
+                        let shared = if unlike || along || several {
+                            self.shared_edge(face, [a, b], &mut long, &mut shared)
+                        } else {
+                            None
+                        };
+                        mine.clashes += u64::from(shared.map_or(along, |edge| !edge.balanced));
+                        if !unlike {
                             continue;
                         }
                         let mut add = |other: u32| {
                             *mine.borders.entry(other).or_default() += self.unit.distance(from, to);
                         };
-                        let Some(labels) = self.labels_at(face, [a, b], &mut long, &mut shared) else {
+                        let Some(SharedEdge { labels, .. }) = shared else {
                             add(other);
                             continue;
                         };
@@ -496,6 +357,30 @@ mod tests {
         let labels: Vec<u32> = (0..24).map(|k| u32::from(k >= 12)).collect();
         for part in with(|context| parts(&both, &labels, 2, context)).unwrap() {
             assert!((part.volume.unwrap() - 1.).abs() < 1e-9 && part.neighbours.is_empty(), "{part:?}");
+        }
+    }
+
+    /// Regression: whether there was a volume depended on the order of the faces.
+    #[test]
+    fn edges_of_many_faces_are_closed_if_as_many_run_each_way() {
+        let (one, two) = (cuboid([0.; 3], [1.; 3]), cuboid([1., 1., 0.], [1.; 3]));
+        let points: Vec<[f64; 3]> = one.0.into_iter().chain(two.0).collect();
+        let place = |v: u32| points.iter().position(|p| *p == points[v as usize]).unwrap() as u32;
+        let others = two.1.iter().map(|face| face.map(|v| place(v + 8)));
+        let touching: Vec<[u32; 3]> = one.1.iter().copied().chain(others).collect();
+        // The first box with its top twice: the edges of the top have three faces.
+        let mut lidded = one.1;
+        lidded.extend([[4, 5, 7], [4, 7, 6]]);
+        for turn in 0..touching.len() {
+            let volume = |faces: &[[u32; 3]]| {
+                let mut faces = faces.to_vec();
+                faces.sort_by_key(|face| {
+                    (face.map(u64::from).iter().sum::<u64>() * 7919 + face[0] as u64 * turn as u64) % 31
+                });
+                with(|context| mesh(&Mesh::from_slices(&points, &faces).unwrap(), context)).unwrap().all.volume
+            };
+            assert!((volume(&touching).unwrap() - 2.).abs() < 1e-9, "{turn}");
+            assert_eq!(volume(&lidded), None, "{turn}");
         }
     }
 
