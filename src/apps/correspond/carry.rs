@@ -1,9 +1,9 @@
 //! Transfers data of B to A by matches: properties of vertices, properties of faces, colours (§7.1).
 //!
 //! A vertex takes the value of its match. A face takes the most frequent value of its corners' matches, where a vertex
-//! of B represents the first face around it; so borders of labels are accurate to within an edge. A vertex or face
-//! without a match gets 0, NaN in a floating-point column, or grey as its colour. One column is 8 bytes per vertex of B
-//! on disk.
+//! of B represents the first face around it; so borders of labels are accurate to within an edge. Corners without a
+//! match do not count. A vertex or face without any match gets −1, which is no label, NaN in a floating-point column, 0
+//! in an unsigned one, or grey as its colour. One column is 8 bytes per vertex of B on disk.
 
 use super::matches::Match;
 use crate::apps::labelled_faces::LabelledFaces;
@@ -27,6 +27,11 @@ pub struct Property {
     pub of: ElementKind,
     /// One number per vertex of B.
     values: MappedSlice<f64>,
+}
+
+/// The value of anything without a match; a column of an unsigned type turns −1 into 0.
+fn missing(scalar: Scalar) -> f64 {
+    if scalar.is_real() { f64::NAN } else { -1. }
 }
 
 /// For each vertex of `mesh` the first face around it, `u32::MAX` if there is none, as the file `name` of `work`.
@@ -61,7 +66,7 @@ impl Property {
         if of == ElementKind::Faces {
             let faces = first_faces(b, "first_faces.npy", context)?;
             let mut writer = context.work.writer::<f64>("property.npy", 1)?;
-            let missing = if property.scalar.is_real() { f64::NAN } else { 0. };
+            let missing = missing(property.scalar);
             for (k, &face) in faces.iter().enumerate() {
                 if k % (1 << 16) == 0 {
                     context.run.cancel.check()?;
@@ -75,8 +80,7 @@ impl Property {
 
     /// The value of B's vertex that `one` points to.
     fn value(&self, one: &Match) -> f64 {
-        let missing = if self.scalar.is_real() { f64::NAN } else { 0. };
-        one.vertex().and_then(|v| self.values.get(v as usize)).copied().unwrap_or(missing)
+        one.vertex().and_then(|v| self.values.get(v as usize)).copied().unwrap_or(missing(self.scalar))
     }
 
     /// The column for A, given `matches`: on its vertices or on its faces, as on B.
@@ -84,7 +88,10 @@ impl Property {
         let value: Box<dyn Fn(usize) -> f64 + 'a> = match self.of {
             ElementKind::Vertices => Box::new(|v| self.value(&matches[v])),
             ElementKind::Faces => Box::new(|face| {
-                a.faces.with(face, |corners| most(corners.iter().map(|&v| self.value(&matches[v as usize]))))
+                a.faces.with(face, |corners| {
+                    let found = corners.iter().map(|&v| &matches[v as usize]).filter(|one| one.vertex().is_some());
+                    most(found.map(|one| self.value(one))).unwrap_or(missing(self.scalar))
+                })
             }),
         };
         Column { name: self.name.clone(), scalar: self.scalar, value }
@@ -92,19 +99,19 @@ impl Property {
 }
 
 /// The most frequent value; the first of several.
-fn most(values: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
-    if values.len() > FEW {
+fn most(values: impl Iterator<Item = f64> + Clone) -> Option<f64> {
+    if values.clone().nth(FEW).is_some() {
         let mut sorted: Vec<(u64, usize)> = values.map(f64::to_bits).zip(0..).collect();
         sorted.sort_unstable();
         let same = sorted.chunk_by(|a, b| a.0 == b.0);
         let best = same.max_by_key(|same| (same.len(), Reverse(same[0].1)));
-        return best.map_or(f64::NAN, |same| f64::from_bits(same[0].0));
+        return best.map(|same| f64::from_bits(same[0].0));
     }
-    let mut best = (0, f64::NAN);
+    let mut best = (0, None);
     for value in values.clone() {
         let count = values.clone().filter(|other| other.to_bits() == value.to_bits()).count();
         if count > best.0 {
-            best = (count, value);
+            best = (count, Some(value));
         }
     }
     best.1
@@ -186,12 +193,36 @@ mod tests {
 
     #[test]
     fn the_most_frequent_value_wins_and_the_first_of_equals() {
-        assert_eq!(most([1., 2., 2.].into_iter()), 2.);
-        assert_eq!(most([3., 1., 2.].into_iter()), 3.);
-        assert!(most([].into_iter()).is_nan());
+        assert_eq!(most([1., 2., 2.].into_iter()), Some(2.));
+        assert_eq!(most([3., 1., 2.].into_iter()), Some(3.));
+        assert_eq!(most([].into_iter()), None);
         let many = |n: usize| (0..n).map(|k| [3., 1., 2., 1., 2.][k % 5]);
-        assert_eq!((most(many(15)), most(many(100)), most(many(101))), (1., 1., 1.));
-        assert_eq!(most((0..100).map(|k| if k < 50 { 2. } else { 1. })), 2.);
+        assert_eq!([15, 100, 101].map(|n| most(many(n))), [Some(1.); 3]);
+        assert_eq!(most((0..100).map(|k| if k < 50 { 2. } else { 1. })), Some(2.));
+    }
+
+    /// Regression: corners without a match counted, with the value 0. So a face with one match of three had the label
+    /// 0, which is a part, as had faces without any.
+    #[test]
+    fn what_has_no_match_has_no_label() {
+        let dir = tempfile::tempdir().unwrap();
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        let mut writer = work.writer::<f64>("property.npy", 1).unwrap();
+        writer.push(&[7.; 3]).unwrap();
+        let values = writer.finish(false).unwrap();
+        let corners = [[0f64; 3], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [1., 1., 1.]];
+        let a = Mesh::from_slices(&corners, &[[0u32, 1, 2], [2, 3, 4]]).unwrap();
+        let mut matches = [Match::NONE; 5];
+        matches[0] = Match { target: 1, distance: 0., confidence: 1. };
+        let value = |scalar, of, k| {
+            let property = Property { name: "label".into(), scalar, of, values: values.clone() };
+            (property.column(&a, &matches).value)(k)
+        };
+        assert_eq!([0, 1].map(|face| value(Scalar::I32, ElementKind::Faces, face)), [7., -1.]);
+        assert_eq!([0, 1].map(|vertex| value(Scalar::I32, ElementKind::Vertices, vertex)), [7., -1.]);
+        assert_eq!(value(Scalar::F32, ElementKind::Faces, 0), 7.);
+        assert!(value(Scalar::F32, ElementKind::Faces, 1).is_nan());
+        assert_eq!(Scalar::U8.saturated(missing(Scalar::U8)), 0);
     }
 
     /// Regression: each value was compared with all others.
@@ -202,7 +233,7 @@ mod tests {
             seen.set(seen.get() + 1);
             k as f64
         };
-        assert_eq!(most((0..1_000).map(count)), 0.);
+        assert_eq!(most((0..1_000).map(count)), Some(0.));
         assert!(seen.get() <= 2_000, "{} values looked at", seen.get());
     }
 }
