@@ -147,7 +147,7 @@ pub struct Side<'a> {
 /// Facts about a mesh for the report.
 #[derive(Clone, Debug, Serialize)]
 pub struct SideFacts {
-    /// Counts.
+    /// Counts; unlike the graph's, the area is in the unit of the file.
     #[serde(flatten)]
     pub graph: VertexFacts,
     /// Landmarks, vertices of the file.
@@ -282,8 +282,9 @@ impl<'a> Side<'a> {
     }
 
     pub(super) fn facts(&self) -> SideFacts {
+        let area = self.graph.facts.area * self.graph.frame.scale * self.graph.frame.scale;
         SideFacts {
-            graph: self.graph.facts,
+            graph: VertexFacts { area, ..self.graph.facts },
             landmarks: self.rows.landmarks.clone(),
             sigma: self.fit.sigma / self.graph.facts.area.sqrt(),
             variance: self.fit.variance.clone(),

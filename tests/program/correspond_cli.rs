@@ -83,6 +83,9 @@ fn a_turned_permuted_copy_is_recognised_and_its_properties_come_back() {
     }
     let told: serde_json::Value = serde_json::from_slice(&std::fs::read(file("r.json")).unwrap()).unwrap();
     assert!(told["alignments"][0]["orientation"].as_f64().unwrap() > 0.5, "{told}");
+    // Regression: areas were in units of the squared diagonal. The copy is three times as large.
+    let [of_a, of_b] = [0, 1].map(|side: usize| told["meshes"][side]["area"].as_f64().unwrap());
+    assert!((of_b / of_a - 9.).abs() < 1e-4, "{of_a} {of_b}");
     // Carried: heat was the number of the vertex in A.
     let opened = mesh::open(&carried, dir.path(), &Run::new(&())).unwrap();
     assert_eq!(opened.face_property("label", &Run::new(&())).unwrap().len(), opened.faces.len());
