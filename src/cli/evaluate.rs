@@ -43,8 +43,9 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "FILE", requires = "mesh", conflicts_with_all = ["labels", "benchmark", "plot"])]
     pub matches: Option<PathBuf>,
     /// Maximum number of matches to score, spread evenly
-    #[arg(long, value_name = "N", default_value_t = 10_000, requires = "matches")]
-    pub samples: usize,
+    #[arg(long, value_name = "N", default_value_t = 10_000, requires = "matches",
+          value_parser = clap::value_parser!(u32).range(1..))]
+    pub samples: u32,
     #[command(flatten)]
     pub json: JsonArgs,
     /// Plot 1 - Rand by category, beside that of people, .svg or .png
@@ -90,7 +91,7 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
 fn matches(args: &EvaluateArgs, run: &Run) -> std::result::Result<Outcome, CliError> {
     match (&args.matches, &args.mesh, &args.truth[..]) {
         (Some(matches), Some(mesh), [] | [_]) => {
-            Ok(evaluate_matches(matches, mesh, args.truth.first().map(PathBuf::as_path), args.samples, run)?)
+            Ok(evaluate_matches(matches, mesh, args.truth.first().map(PathBuf::as_path), args.samples as usize, run)?)
         }
         _ => Err(CliError::Usage("--matches: give one --mesh, and at most one --truth".into())),
     }
@@ -183,7 +184,7 @@ fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: 
         return Err(Error::unusable(matches, problem, "vertices cannot be matched by number; give --truth"));
     }
     let real = |v: usize| real.as_ref().map_or(Some(v as u32), |real| real[v]);
-    let step = found.len().div_ceil(samples.max(1)).max(1);
+    let step = found.len().div_ceil(samples).max(1);
     let (mut pairs, mut unmatched) = (Vec::new(), 0);
     for v in (0..found.len()).step_by(step) {
         match (found[v], real(v)) {

@@ -254,6 +254,7 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         (vec!["--matches", word(&fine), "--mesh", mesh, "--truth", word(&beyond)], 1, "beyond.csv: names vertex"),
         (vec!["--matches", word(&long), "--mesh", mesh], 1, "long.csv: has "),
         (vec!["--matches", "x.npy"], 2, "--mesh"),
+        (vec!["--matches", word(&fine), "--mesh", mesh, "--samples", "0"], 2, "--samples"),
         (vec!["--matches", word(&a), "--mesh", word(&a)], 1, "unknown extension"),
     ] {
         let run = program().arg("evaluate").args(&words).output().unwrap();
