@@ -142,13 +142,28 @@ impl Corrections<'_> {
         }
     }
 
-    /// The painted value of each cell (S), 0 for none: the most frequent value of its painted faces. `cell` is the cell
-    /// of a node.
-    fn painted_cells(&self, order: &NodeOrder, cells: usize, cell: &dyn Fn(u32) -> u32) -> Result<Vec<u32>> {
+    /// The painted value of each cell (S), 0 for none: the most frequent value of its painted faces.
+    ///
+    /// Faces that a person sees, under `label` (S), in another part than their cell's do not count: refined boundaries
+    /// do not follow cells, and the hint would join that part. A value without any other faces keeps these.
+    fn painted_cells(&self, surface: OnCells<'_>, label: &[u32]) -> Result<Vec<u32>> {
         let Some(painted) = self.painted else { return Ok(Vec::new()) };
-        let values = (0..painted.len() as u32).map(|node| (node, painted[order.face(node) as usize]));
-        let counts = tally(values.filter(|(_, value)| *value != 0).map(|(node, value)| (cell(node), value)));
-        let mut best = vec![(0u64, 0u32); cells];
+        let OnCells { order, cell, seen, .. } = surface;
+        let values = || {
+            let all = (0..painted.len() as u32).map(|node| (node, painted[order.face(node) as usize]));
+            all.filter(|(_, value)| *value != 0)
+        };
+        let mut counts = tally(values().map(|(node, value)| (cell(node), value)));
+        if !self.transferred {
+            seen(label, &mut |parts| {
+                let inside = |node: u32| parts[node as usize] == label[cell(node) as usize];
+                let known = tally(values().filter(|(node, _)| inside(*node)).map(|(node, value)| (cell(node), value)));
+                let found: BTreeSet<u32> = known.keys().map(|(_, value)| *value).collect();
+                counts.retain(|(_, value), _| !found.contains(value));
+                counts.extend(known);
+            })?;
+        }
+        let mut best = vec![(0u64, 0u32); label.len()];
         for ((cell, value), count) in counts {
             let best = best.get_mut(cell as usize).ok_or_else(|| Error::internal("a cell beyond the last"))?;
             if count > best.0 {
@@ -172,11 +187,11 @@ impl Corrections<'_> {
     ) -> Result<(TreeCut, PartMarks)> {
         let nothing = Edits::default();
         let edits = self.edits().unwrap_or(&nothing);
-        let OnCells { order, cell, affinities, tree, .. } = surface;
-        let painted = self.painted_cells(order, tree.cells(), cell)?;
+        let OnCells { affinities, tree, .. } = surface;
         let start = start(edits, tree.cells()).filter(|start| *start != asked);
         let own = start.map(|(count, detail)| tree.cut_for(count, detail)).transpose()?;
-        let cells = surface.places(&own.as_ref().unwrap_or(&cut).label)?;
+        let shown = &own.as_ref().unwrap_or(&cut).label;
+        let (cells, painted) = (surface.places(shown)?, self.painted_cells(surface, shown)?);
         let follow = |label: &[u32], kept: &[Option<usize>]| {
             let kept = if kept.is_empty() { &vec![None; label.len()] } else { kept };
             let within = |number: usize| cells[number].iter().all(|&cell| kept[cell as usize].is_some());
@@ -242,8 +257,8 @@ fn tell_unmet_paint(value: impl Fn(u32) -> u32, labels: &[u32], together: bool, 
     }
 }
 
-/// Returns the part of each of some nodes after refinement of boundaries, given a label per cell.
-pub(super) type PartsSeen<'a> = &'a dyn Fn(&[u32], &[u32]) -> Result<Vec<u32>>;
+/// Passes on the part of each node (n) after refinement of boundaries, given a label per cell.
+pub(super) type PartsSeen<'a> = &'a dyn Fn(&[u32], &mut dyn FnMut(&[u32])) -> Result<()>;
 
 /// A surface on which edits are applied.
 #[derive(Clone, Copy)]
@@ -254,7 +269,7 @@ pub(super) struct OnCells<'a> {
     pub order: &'a NodeOrder,
     /// The cell of a node.
     pub cell: &'a dyn Fn(u32) -> u32,
-    /// The parts of some nodes under given cell labels, after refinement of boundaries.
+    /// The parts of nodes under given cell labels, after refinement of boundaries.
     pub seen: PartsSeen<'a>,
     /// How strongly cells belong together.
     pub affinities: Affinities<'a>,
@@ -279,8 +294,10 @@ impl OnCells<'_> {
         }
         let mut near: Vec<u32> = self.nodes.iter().flatten().copied().collect();
         near.retain(|&node| beside[(self.cell)(node) as usize]);
-        let seen = if near.is_empty() { Vec::new() } else { (self.seen)(label, &near)? };
-        let seen = map_of(near.into_iter().zip(seen));
+        let mut seen = BTreeMap::new();
+        if !near.is_empty() {
+            (self.seen)(label, &mut |parts| seen = map_of(near.iter().map(|&node| (node, parts[node as usize]))))?;
+        }
         let place = |&node: &u32| {
             let cell = (self.cell)(node);
             seen.get(&node).map_or(cell, |&part| nearest_cell(pairs, label, cell, part))

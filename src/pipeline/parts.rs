@@ -56,9 +56,9 @@ struct Located<'a> {
 }
 
 impl Located<'_> {
-    /// The parts of `nodes` under the cell labels `label`, after refinement of boundaries. `cells` is the cell of each
-    /// node, or contracted node.
-    fn seen(&self, cells: &[u16], label: &[u32], nodes: &[u32]) -> Result<Vec<u32>> {
+    /// Passes to `look` the part of each node (n) under the cell labels `label`, after refinement of boundaries.
+    /// `cells` is the cell of each node, or contracted node.
+    fn seen(&self, cells: &[u16], label: &[u32], look: &mut dyn FnMut(&[u32])) -> Result<()> {
         let of_units: Vec<u32>;
         let cells = match self.units {
             Some(of_node) => {
@@ -71,7 +71,8 @@ impl Located<'_> {
         let _scratch = self.context.work.scratch(&[SEEN]);
         let method = BoundaryMethod::Front;
         let RefinedLabels { labels, .. } = boundary::refine(self.whole, cells, method, SEEN, self.context)?;
-        Ok(nodes.iter().map(|&node| labels[node as usize]).collect())
+        look(&labels);
+        Ok(())
     }
 }
 
@@ -255,7 +256,7 @@ fn decide_on_mesh(
             nodes: located.nodes,
             order: located.order,
             cell: &|node| unit_of_node[unit(node) as usize].into(),
-            seen: &|label, nodes| located.seen(&unit_of_node, label, nodes),
+            seen: &|label, look| located.seen(&unit_of_node, label, look),
             affinities: all.affinities(&graph),
             tree: &all.tree,
         };

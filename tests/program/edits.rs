@@ -290,6 +290,22 @@ fn painted_faces_are_hints() {
     assert!(!output.status.success() && errors(&output).contains("colour"), "{}", errors(&output));
 }
 
+/// Regression: boundaries are refined across cells, so faces painted on a part lie in cells of its neighbours too. The
+/// hint joined these to the part.
+#[test]
+fn a_part_that_is_painted_as_it_is_stays_as_it_is() {
+    let scene = scene(12_000);
+    let (painted, out) = (scene.dir.path().join("painted.ply"), scene.dir.path().join("out.seg"));
+    let mesh = Mesh::open(&scene.mesh).unwrap();
+    for part in [0, 4, 8] {
+        let values: Vec<u32> = scene.before.iter().map(|&before| u32::from(before == part)).collect();
+        let labelling = Labelling { labels: &values, colours: &[[0; 3]; 2], quality: None, names: &[] };
+        mesh::write_labelled(&mesh, &painted, &labelling, mesh::PlyForm::Same, &Run::new(&())).unwrap();
+        segment(&painted, &["-q", "-k", "9", "--hints", "label", "-o", word(&out)]);
+        assert!(read_seg(&out).unwrap() == scene.before, "part {part}");
+    }
+}
+
 /// Regression: nothing was told of painted faces whose hint the result does not follow.
 #[test]
 fn painted_hints_that_stay_unmet_are_told() {
