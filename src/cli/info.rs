@@ -236,11 +236,12 @@ pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), Cl
     for file in &damaged {
         let path = work.file(&file.file);
         let text = format!(
-            "{}: {} (stage {}, {} bytes expected); delete the file and rerun the command that wrote it",
+            "{}: {} (stage {}, {} bytes expected); {}rerun the command that wrote it",
             path.display(),
             file.problem.as_deref().unwrap_or_default(),
             file.stage,
             file.bytes,
+            if path.exists() { "delete the file and " } else { "" },
         );
         tell_error(bars.style(), &text, Some(&path), Value::Null);
     }

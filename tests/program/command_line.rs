@@ -523,6 +523,11 @@ fn errors_are_events_where_progress_is() {
     let (code, told) = events(&["verify", word(&work)]);
     let failed: Vec<_> = told.iter().filter(|event| event.get("error").is_some()).collect();
     assert_eq!((code, failed.len(), &failed[0]["file"]), (Some(1), 2, &Value::from(word(&labels))), "{told:?}");
+    // Regression: it asked to delete a file that is missing.
+    std::fs::remove_file(&labels).unwrap();
+    let (_, told) = events(&["verify", word(&work)]);
+    let missing = told.iter().filter_map(|event| event["error"].as_str()).any(|error| error.contains("is missing"));
+    assert!(missing && !format!("{told:?}").contains("delete the file"), "{told:?}");
 }
 
 /// Regression: options that change nothing were taken in silence.
