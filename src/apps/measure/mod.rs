@@ -6,8 +6,8 @@
 //! the faces sums up each part; a part's volume is given only if its surface is closed and consistently wound. Stray
 //! vertices count at their repaired positions ([`Mesh::without_strays`]). Cost: the graph (60 bytes per face in a work
 //! directory or in memory), some 200 ns per face, [`PER_LABEL`] bytes per distinct label, 100 per open edge while loops
-//! are counted, 16 per corner of faces with more than 64 corners and of their neighbours, and some 200 per edge of three
-//! or more faces, in a chunk.
+//! are counted, 16 per corner of faces with more than 64 corners and of their neighbours, and some 200 per edge of
+//! three or more faces, in a chunk.
 
 mod adjacency;
 mod sums;
