@@ -15,6 +15,7 @@
 use super::area_shares::{AreaShares, SurfaceSum, spread_seeds, surface_sums};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::vector::MapEach;
 use crate::distance::SharedFront;
 use crate::distance::front::mean_weight;
 use crate::graph::Csr;
@@ -104,7 +105,7 @@ pub fn cell_front<'a>(graph: &'a DualGraph, seeds: &'a [u32], file: &'a str) -> 
 
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    if length > 1e-20 { Some([v[0] / length, v[1] / length, v[2] / length]) } else { None }
+    if length > 1e-20 { Some(v.map_each(|x| x / length)) } else { None }
 }
 
 /// A piece of the surface over which normals are smoothed.
@@ -230,11 +231,7 @@ pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, cont
     let mut next = normals.clone();
     for _ in 0..rounds {
         // Weighted once instead of once per neighbour.
-        let weighted = |i: usize| {
-            let ([x, y, z], share) = (normals[i], shares.at(i));
-            [x * share, y * share, z * share]
-        };
-        let weighted: Vec<[f32; 3]> = (0..n).map(weighted).collect();
+        let weighted: Vec<[f32; 3]> = (0..n).map(|i| normals[i].map_each(|x| x * shares.at(i))).collect();
         context.run.fill_each(&mut next, CHUNK, |i, _| {
             let mut sum = weighted[i];
             // Bridges have length 0 and do not count as adjacent here.

@@ -45,7 +45,7 @@ pub enum Faces {
 #[inline]
 fn triangle(bytes: &[u8], start: usize) -> [u32; 3] {
     let record = &bytes[start..start + 12];
-    [u32::from_le_bytes(four(record)), u32::from_le_bytes(four(&record[4..])), u32::from_le_bytes(four(&record[8..]))]
+    [0, 4, 8].map_each(|k| u32::from_le_bytes(four(&record[k..k + 4])))
 }
 
 impl Faces {

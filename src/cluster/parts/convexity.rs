@@ -16,7 +16,7 @@ use super::region_pieces::RegionPieces;
 use crate::base::Result;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::sort::order_by;
-use crate::base::vector::{dot, minus};
+use crate::base::vector::{MapEach, dot, minus};
 use crate::spectral::exp::exp64;
 use crate::store::run::Run;
 use std::ops::Range;
@@ -233,7 +233,7 @@ fn between(points: &[CellPoint], balls: &[SuperfaceBall], a: usize, b: usize, ta
         }
     }
     let twice = if a == b { 2.0 } else { 1.0 };
-    let sums = |all: PerWidth| [twice * all[0], twice * all[1], twice * all[2]];
+    let sums = |all: PerWidth| [0, 1, 2].map_each(|w| twice * all[w]);
     let (seen, all, thickness_jump) = (sums(seen), sums(all), sums(thickness_jump));
     (all[2] > 0.0).then_some(PairSums { a: a as u32, b: b as u32, seen, all, thickness_jump })
 }

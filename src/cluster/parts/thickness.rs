@@ -11,7 +11,7 @@
 use super::cell_graph::CellGraph;
 use crate::base::Result;
 use crate::base::simd::{SimdKernel, dispatch};
-use crate::base::vector::{add_scaled, cross, dot, length, minus, narrow};
+use crate::base::vector::{MapEach, add_scaled, cross, dot, length, minus, narrow};
 use crate::store::run::Run;
 use libm::log as ln;
 use std::f64::consts::TAU;
@@ -219,8 +219,7 @@ impl VisitDisc for Nearest<'_> {
     #[inline(always)]
     fn visit(&mut self, disc: DiscBehind) {
         let cells = self.scene.cells;
-        let (from, n) = (cells.centre[self.from], cells.normal[self.from]);
-        let inward = [-n[0], -n[1], -n[2]];
+        let (from, inward) = (cells.centre[self.from], cells.normal[self.from].map_each(|c| -c));
         if let Some(length) = self.scene.meets(disc.cell, from, inward, OPPOSITE).filter(|x| *x < self.length) {
             let d = minus(cells.centre[disc.cell as usize], from);
             (self.length, self.found) = (length, Some((disc.cell, dot(d, d).sqrt())));
@@ -270,10 +269,7 @@ impl<'a> FirstHits<'a> {
         let n = scene.cells.normal[i];
         let [u, v] = tangents(n);
         let [p, q] = scene.rays;
-        let ways = std::array::from_fn(|k| {
-            let across = |c: usize| p[k] * u[c] + q[k] * v[c] - n[c];
-            [across(0), across(1), across(2)]
-        });
+        let ways = std::array::from_fn(|k| [0, 1, 2].map_each(|c| p[k] * u[c] + q[k] * v[c] - n[c]));
         Self { scene, from: scene.cells.centre[i], ways, length: [f64::INFINITY; RAYS], cell: [None; RAYS] }
     }
 }
@@ -452,7 +448,7 @@ pub(super) fn tangents(n: [f64; 3]) -> [[f64; 3]; 2] {
     let other = if n[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let u = add_scaled(other, -dot(other, n), n);
     let norm = length(u).max(1e-12);
-    let u = [u[0] / norm, u[1] / norm, u[2] / norm];
+    let u = u.map_each(|c| c / norm);
     [u, cross(n, u)]
 }
 
