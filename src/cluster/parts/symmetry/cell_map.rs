@@ -165,11 +165,7 @@ impl<'a> Surface<'a> {
 
     /// The same for a smooth map: its images are not optimised one by one, so distances must be preserved better.
     pub fn is_smooth_reflection(&self, map: &CellMap) -> bool {
-        self.moves_far(&map.image)
-            && self.turns_over(map)
-            && self.mean_dissimilarity(map) <= SMOOTH
-            && self.shape(map) >= SHAPE
-            && self.thickness_dissimilarity(&map.image) <= THICKNESS
+        self.fits_smoothly(map) && self.turns_over(map)
     }
 
     /// The same for a refitted map, whose images may be on the wrong side of a thin limb: orientation is that of thick
@@ -177,9 +173,15 @@ impl<'a> Surface<'a> {
     pub fn is_reflection_of_trunk(&self, map: &CellMap, tips: &[u32]) -> bool {
         let moves = |&&tip: &&u32| self.apart(tip, map.image[tip as usize]) > FAR.0;
         2 * tips.iter().filter(moves).count() >= tips.len()
-            && self.moves_far(&map.image)
             && self.mean_of(&map.back) <= BACK
             && self.turning_of_trunk(&map.image) <= TRUNK_TURNED
+            && self.fits_smoothly(map)
+    }
+
+    /// Whether a map moves much of the surface far, preserves distances as a smooth map must, and maps convex to convex
+    /// and thick to thick.
+    fn fits_smoothly(&self, map: &CellMap) -> bool {
+        self.moves_far(&map.image)
             && self.mean_dissimilarity(map) <= SMOOTH
             && self.shape(map) >= SHAPE
             && self.thickness_dissimilarity(&map.image) <= THICKNESS

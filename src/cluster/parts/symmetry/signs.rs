@@ -92,8 +92,7 @@ pub fn reflection(surface: &Surface, initial: &[CellMap], run: &Run) -> Result<O
         }
     }
     let refitted = best.map(|(_, map)| surface.refitted(&map.image));
-    let tips = tips(surface, TIPS);
-    Ok(refitted.filter(|map| surface.is_reflection_of_trunk(map, &tips)))
+    Ok(refitted.filter(|map| surface.is_reflection_of_trunk(map, &tips(surface, TIPS))))
 }
 
 impl Samples {
