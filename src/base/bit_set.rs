@@ -1,6 +1,6 @@
 //! A set of numbers below a bound, one bit each, and one whose members are numbered.
 //!
-//! Own code, since it is a dozen lines and its bytes are granted beforehand. Memory: n/8 bytes.
+//! Own code, since it is short and its bytes are granted beforehand. Memory: n/8 bytes, 3n/16 for the numbered one.
 
 /// Which of the numbers below n are members.
 #[derive(Clone, Debug, Default)]
@@ -46,7 +46,7 @@ impl From<Vec<u64>> for BitSet {
     }
 }
 
-/// A set whose members are numbered from 0 in ascending order. Memory: 3n/16 bytes.
+/// A set whose members are numbered from 0 in ascending order.
 #[derive(Clone, Debug, Default)]
 pub struct RankedSet {
     members: BitSet,

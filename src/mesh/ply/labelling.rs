@@ -98,13 +98,12 @@ impl Labelling<'_> {
     /// are a `float`, which CloudCompare displays and which is exact up to 2²⁴.
     pub(super) fn fit_ply(&self, of_vertices: bool) -> Result<()> {
         let most = if of_vertices { 1 << 24 } else { i32::MAX as u32 };
-        match self.labels.iter().fold(0, |top, &label| top.max(label)) {
-            label if label > most => {
-                let problem = format!("{label} exceeds {most}, the largest label that such a file can hold");
-                Err(Error::parameter("labels", problem, "number the parts from 0, or write a .npy or .seg"))
-            }
-            _ => Ok(()),
+        let label = self.labels.iter().fold(0, |top, &label| top.max(label));
+        if label > most {
+            let problem = format!("{label} exceeds {most}, the largest label that such a file can hold");
+            return Err(Error::parameter("labels", problem, "number the parts from 0, or write a .npy or .seg"));
         }
+        Ok(())
     }
 
     /// The colour of `face`: its label's, or grey.
