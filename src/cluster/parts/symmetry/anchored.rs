@@ -26,6 +26,8 @@ const PLACES: (usize, f64, f32) = (3, 0.08, 0.04);
 /// Which maps of the first samples are continued: how many, their minimum mean distance from each other, and the
 /// maximum error relative to the best.
 const CONTINUED: (usize, f32, f64) = (2, 0.06, 1.6);
+/// Maximum orientation around a sample that a map reflects.
+const REFLECTED: f64 = -0.4;
 /// Rounds in which images are recomputed.
 const ROUNDS: usize = 4;
 /// Number of nearest anchors that determine the image of an anchor, and of a cell.
@@ -260,6 +262,23 @@ impl Surface<'_> {
         self.map(&self.settled(self.anchors_of(image)))
     }
 
+    /// Another fit of a map that turns parts of the surface instead of reflecting them: an abdomen behind a thin waist
+    /// is as far from everything else either way. There, images are found again from those of the other samples.
+    pub fn regrown(&self, image: &[u32]) -> CellMap {
+        let turning = self.turning_at_samples(image);
+        let is_reflected = |cell: u32| turning[self.samples.owner[cell as usize]] <= REFLECTED;
+        let all = self.anchors_of(image);
+        let mut anchors = Anchors::default();
+        for (a, &b) in all.image.iter().enumerate().filter(|&(a, &b)| a <= b) {
+            let pair = [all.cell[a], all.cell[b]];
+            if pair.iter().all(|&cell| is_reflected(cell)) {
+                anchors.add(pair, [&all.row[a], &all.row[b]]);
+            }
+        }
+        GROWTH.iter().for_each(|&growth| self.grow(&mut anchors, growth));
+        self.map(&self.settled(anchors))
+    }
+
     /// Refines a smooth map whose images may be one step off: each is replaced by the likeliest nearby cell, given the
     /// images of the samples.
     pub fn polished(&self, mut image: Vec<u32>) -> CellMap {
@@ -277,5 +296,33 @@ impl Surface<'_> {
             (image[x], dissimilarity[x]) = (best.0, self.in_radii(best.1, &nearest));
         }
         self.measured(image, dissimilarity)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::posed_body::{cells_of, on_surface};
+    use super::*;
+
+    #[test]
+    fn a_part_that_a_map_turns_is_reflected_again() {
+        on_surface(|cells, surface| {
+            let maps = maps(surface, &Run::new(&())).unwrap();
+            let right = maps.iter().find(|map| surface.is_reflection(map)).unwrap();
+            let head = cells_of(cells, |x| x[2] > 11.0);
+            let mut image = right.image.clone();
+            head.iter().for_each(|&i| image[i] = i as u32);
+            let turning = |image: &[u32]| {
+                let all = surface.turning_at_samples(image);
+                let mut at: Vec<usize> = head.iter().map(|&i| surface.samples.owner[i]).collect();
+                at.dedup();
+                at.iter().map(|&k| all[k]).sum::<f64>() / at.len() as f64
+            };
+            assert!(turning(&right.image) < -0.6, "{}", turning(&right.image));
+            assert!(turning(&image) > 0.5, "{}", turning(&image));
+            let regrown = surface.regrown(&image);
+            assert!(turning(&regrown.image) < -0.6, "{}", turning(&regrown.image));
+            assert!(surface.mean_dissimilarity(&regrown) < 1.25);
+        });
     }
 }

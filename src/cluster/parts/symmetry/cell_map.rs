@@ -29,14 +29,31 @@ const TURNED: f64 = -0.7;
 const TRUNK_TURNED: f64 = -0.8;
 /// Minimum correlation between the convexity of cells and of their images.
 const SHAPE: f64 = 0.4;
-/// Maximum mean difference of distances for a smooth map, also if it was refitted. Maps of armadillos, at 1.3 to 1.6,
-/// are right overall but doubtful on the limbs, so they change little.
-const SMOOTH: f64 = 1.15;
-/// Smooth maps must move this share of the area (second) farther than this (first), in units of √(total area): swapping
-/// front and back moves less.
-const FAR: (f64, f64) = (0.15, 0.42);
-/// Maximum mean difference in thickness between cells and their images, in units of its mean deviation.
-const THICKNESS: f64 = 0.3;
+/// Smooth maps, also refitted ones, must move this share of the area farther than this, in units of √(total area):
+/// swapping front and back moves less.
+const FAR: f64 = 0.15;
+/// What smooth maps must fulfil.
+const EVEN: Bounds = Bounds { dissimilarity: 1.15, back: BACK, moved: 0.42, shape: SHAPE, thickness: 0.3 };
+/// The same if sides differ in length, such as those of an armadillo: distances may change more, but most of the
+/// surface must move far, shapes must agree better, and orientation must be reversed everywhere. Maps of hands, thumb
+/// for little finger, move .62 of the area far.
+const UNEVEN: Bounds = Bounds { dissimilarity: 1.45, back: 1.4, moved: 0.7, shape: 0.65, thickness: 0.33 };
+/// Maximum difference in thickness of a refitted map that is worth another fit.
+const LIKELY_THICKNESS: f64 = 0.45;
+
+/// Bounds for smooth maps.
+struct Bounds {
+    /// Maximum mean difference of distances, in cell radii.
+    dissimilarity: f64,
+    /// Maximum mean distance from a cell to the image of its image, in cell radii.
+    back: f64,
+    /// Minimum share of the area that moves farther than [`FAR`].
+    moved: f64,
+    /// Minimum correlation of convexity.
+    shape: f64,
+    /// Maximum mean difference in thickness between cells and their images, in units of its mean deviation.
+    thickness: f64,
+}
 
 /// The surface on which maps are sought.
 pub struct Surface<'a> {
@@ -165,26 +182,46 @@ impl<'a> Surface<'a> {
 
     /// The same for a smooth map: its images are not optimised one by one, so distances must be preserved better.
     pub fn is_smooth_reflection(&self, map: &CellMap) -> bool {
-        self.fits_smoothly(map) && self.turns_over(map)
+        self.fits(map, &EVEN) && self.turns_over(map)
     }
 
     /// The same for a refitted map, whose images may be on the wrong side of a thin limb: orientation is that of thick
-    /// parts. Half of the `tips` must move, since distances also allow front and back of a plump body to be swapped.
+    /// parts, unless sides are uneven. Half of the `tips` must move, since distances also allow front and back of a
+    /// plump body to be swapped.
     pub fn is_reflection_of_trunk(&self, map: &CellMap, tips: &[u32]) -> bool {
-        let moves = |&&tip: &&u32| self.apart(tip, map.image[tip as usize]) > FAR.0;
-        2 * tips.iter().filter(moves).count() >= tips.len()
-            && self.mean_of(&map.back) <= BACK
+        (self.fits(map, &EVEN) || (self.fits(map, &UNEVEN) && self.turning(&map.image) <= TURNED))
             && self.turning_of_trunk(&map.image) <= TRUNK_TURNED
-            && self.fits_smoothly(map)
+            && self.moves_tips(map, tips)
     }
 
-    /// Whether a map moves much of the surface far, preserves distances as a smooth map must, and maps convex to convex
+    /// The same for a regrown map: it had to reverse orientation, so it must do so everywhere. Octopuses have maps that
+    /// swap most arms in the order of a reflection, but others not.
+    pub fn is_regrown_reflection(&self, map: &CellMap, tips: &[u32]) -> bool {
+        self.turning(&map.image) <= TURNED && self.is_reflection_of_trunk(map, tips)
+    }
+
+    /// Whether a map moves much of the surface far, preserves distances, is its own inverse, and maps convex to convex
     /// and thick to thick.
-    fn fits_smoothly(&self, map: &CellMap) -> bool {
+    fn fits(&self, map: &CellMap, bounds: &Bounds) -> bool {
+        self.moved(&map.image, FAR) >= bounds.moved
+            && self.mean_dissimilarity(map) <= bounds.dissimilarity
+            && self.mean_of(&map.back) <= bounds.back
+            && self.shape(map) >= bounds.shape
+            && self.thickness_dissimilarity(&map.image) <= bounds.thickness
+    }
+
+    /// Whether a map moves half of the tips far along the surface: those of legs may be side by side.
+    fn moves_tips(&self, map: &CellMap, tips: &[u32]) -> bool {
+        let rows = self.paths.rows(tips);
+        let moves = |(tip, row): &(&u32, &Row)| f64::from(row[map.image[**tip as usize] as usize]) > FAR;
+        2 * tips.iter().zip(&rows).filter(moves).count() >= tips.len()
+    }
+
+    /// Whether a map may pass all checks once it preserves distances and reverses orientation better.
+    pub fn may_be_reflection(&self, map: &CellMap) -> bool {
         self.moves_far(&map.image)
-            && self.mean_dissimilarity(map) <= SMOOTH
             && self.shape(map) >= SHAPE
-            && self.thickness_dissimilarity(&map.image) <= THICKNESS
+            && self.thickness_dissimilarity(&map.image) <= LIKELY_THICKNESS
     }
 
     /// Whether a map moves the surface, reverses orientation and is its own inverse.
@@ -201,7 +238,7 @@ impl<'a> Surface<'a> {
 
     /// Whether a map moves regions far from the middle: swapping front and back does not.
     pub fn moves_far(&self, image: &[u32]) -> bool {
-        self.moved(image, FAR.0) >= FAR.1
+        self.moved(image, FAR) >= EVEN.moved
     }
 
     /// Mean difference between the logarithms of the thickness of cells and of their images, in units of its mean
@@ -257,31 +294,51 @@ impl<'a> Surface<'a> {
     }
 
     fn turning_by(&self, image: &[u32], weight: impl Fn(usize) -> f64) -> f64 {
+        let (mut sum, mut total) = (0.0, 0.0);
+        for x in 0..image.len() {
+            let [turn, size] = self.turn_at(x as u32, image);
+            sum += weight(x) * turn;
+            total += weight(x) * size;
+        }
+        if total > 0.0 { sum / total } else { 1.0 }
+    }
+
+    /// The same around each sample.
+    pub fn turning_at_samples(&self, image: &[u32]) -> Vec<f64> {
+        let mut sums = vec![[0.0; 2]; self.samples.cell.len()];
+        for (x, &owner) in self.samples.owner.iter().enumerate() {
+            let turn = self.turn_at(x as u32, image);
+            (0..2).for_each(|k| sums[owner][k] += self.shares[x] * turn[k]);
+        }
+        sums.iter().map(|[sum, total]| if *total > 0.0 { sum / total } else { 1.0 }).collect()
+    }
+
+    /// Products of triangles around a cell and of their images: the sum, and that of absolute values.
+    fn turn_at(&self, x: u32, image: &[u32]) -> [f64; 2] {
         let spin = |[x, u, v]: [u32; 3]| {
             let [at, u, v] = [x, u, v].map_each(|cell| self.cells.centre[cell as usize]);
             dot(cross(minus(u, at), minus(v, at)), self.cells.normal[x as usize])
         };
+        let ring: Vec<u32> = self.paths.steps(x).map(|(j, _)| j).collect();
         let (mut sum, mut total) = (0.0, 0.0);
-        for x in 0..image.len() as u32 {
-            let share = weight(x as usize);
-            let ring: Vec<u32> = self.paths.steps(x).map(|(j, _)| j).collect();
-            for (k, &u) in ring.iter().enumerate() {
-                for between in [1, 3] {
-                    let turn = [x, u, ring[(k + between) % ring.len()]];
-                    let both = share * spin(turn) * spin(turn.map_each(|cell| image[cell as usize]));
-                    sum += both;
-                    total += both.abs();
-                }
+        for (k, &u) in ring.iter().enumerate() {
+            for between in [1, 3] {
+                let turn = [x, u, ring[(k + between) % ring.len()]];
+                let both = spin(turn) * spin(turn.map_each(|cell| image[cell as usize]));
+                sum += both;
+                total += both.abs();
             }
         }
-        if total > 0.0 { sum / total } else { 1.0 }
+        [sum, total]
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::posed_body::on_surface;
+    use super::super::posed_body::{LEFT_ARM, LEFT_LEG, RIGHT_LEG, cells_of, on_surface};
+    use super::super::signs::reflection;
     use super::*;
+    use crate::store::run::Run;
 
     #[test]
     fn what_stays_is_as_thick_and_turns_nothing_over() {
@@ -295,9 +352,63 @@ mod tests {
             let arm = cells.centre.iter().position(thin).unwrap() as u32;
             let moved: Vec<u32> =
                 same.iter().map(|&x| if thick(&cells.centre[x as usize]) { arm } else { x }).collect();
-            assert!(surface.thickness_dissimilarity(&moved) > THICKNESS);
+            assert!(surface.thickness_dissimilarity(&moved) > EVEN.thickness);
             let map = surface.polished(same);
             assert!(!surface.is_smooth_reflection(&map));
+        });
+    }
+
+    #[test]
+    fn tips_side_by_side_are_far_apart_along_the_surface() {
+        on_surface(|cells, surface| {
+            let unit = 0.5 * (cells.len() as f64).sqrt();
+            let on = |leg: fn([f64; 3]) -> bool| {
+                let far = |&i: &usize| (cells.centre[i][2] * unit + 3.0).abs();
+                cells_of(cells, leg).into_iter().min_by(|a, b| far(a).total_cmp(&far(b))).unwrap() as u32
+            };
+            let [left, right] = [on(LEFT_LEG), on(RIGHT_LEG)];
+            let mut image: Vec<u32> = (0..cells.len() as u32).collect();
+            image[left as usize] = right;
+            assert!(surface.apart(left, right) < FAR);
+            let map = surface.measured(image, vec![0.0; cells.len()]);
+            assert!(surface.moves_tips(&map, &[left]) && surface.moves_tips(&map, &[left, right]));
+            assert!(!surface.moves_tips(&map, &[right]));
+        });
+    }
+
+    #[test]
+    fn sides_of_unequal_lengths_must_otherwise_agree_better() {
+        on_surface(|cells, surface| {
+            let map = reflection(surface, &[], &Run::new(&())).unwrap().unwrap();
+            let off = |radii: f64| CellMap { dissimilarity: vec![radii; cells.len()], ..map.clone() };
+            assert!(surface.fits(&off(1.1), &EVEN) && !surface.fits(&off(1.3), &EVEN));
+            // Half of this body moves far.
+            assert!(!surface.fits(&off(1.3), &UNEVEN));
+            assert!(surface.fits(&off(1.3), &Bounds { moved: 0.45, ..UNEVEN }));
+            assert!(!surface.fits(&off(1.5), &Bounds { moved: 0.45, ..UNEVEN }));
+            assert!(!surface.fits(&off(1.3), &Bounds { moved: 0.45, shape: 1.01, ..UNEVEN }));
+            assert!(!surface.fits(&off(1.3), &Bounds { moved: 0.45, thickness: 0.0, ..UNEVEN }));
+            let back = CellMap { back: vec![1.5; cells.len()], ..off(1.3) };
+            assert!(!surface.fits(&back, &Bounds { moved: 0.45, ..UNEVEN }));
+        });
+    }
+
+    #[test]
+    fn a_regrown_map_must_reflect_limbs_too() {
+        on_surface(|cells, surface| {
+            let mut map = reflection(surface, &[], &Run::new(&())).unwrap().unwrap();
+            let far = |i: &usize| cells.centre[*i][0];
+            let tip = cells_of(cells, LEFT_ARM).into_iter().max_by(|a, b| far(a).total_cmp(&far(b))).unwrap() as u32;
+            assert!(surface.is_reflection_of_trunk(&map, &[tip]) && surface.is_regrown_reflection(&map, &[tip]));
+            // Images on limbs are off by a step.
+            let before = map.image.clone();
+            for i in cells_of(cells, |x| x[0].abs() > 4.0 || x[2] < -1.0) {
+                let steps: Vec<u32> = surface.paths.steps(i as u32).map(|(j, _)| j).collect();
+                map.image[i] = before[steps[7 * i % steps.len()] as usize];
+            }
+            let turning = [surface.turning(&map.image), surface.turning_of_trunk(&map.image)];
+            assert!(surface.is_reflection_of_trunk(&map, &[tip]), "{turning:?}");
+            assert!(!surface.is_regrown_reflection(&map, &[tip]), "{turning:?}");
         });
     }
 

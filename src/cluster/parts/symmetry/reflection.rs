@@ -4,7 +4,7 @@
 //! A body that walks or sits has no mirror plane, but its legs still have the same length. Maps that start from tips of
 //! limbs ([`anchored`]) are tried first. If none of these is a reflection beyond doubt, smooth functions give further
 //! starts ([`signs`]). Everything is a function of the cells. Cost: .04 to .08 s of processor time and some megabytes
-//! for 2,000 cells, whatever the size of the mesh, and .05 to .1 s for the second search.
+//! for 2,000 cells, whatever the size of the mesh, and .05 to .12 s for the second search.
 
 use super::cell_map::{CellMap, Surface};
 use super::mirror_images::MirrorImages;
