@@ -22,7 +22,7 @@ use crate::graph::{Csr, WeightedGraph};
 use crate::graph::{DualGraph, GraphFacts, Node};
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::stage::{BuiltStage, Stage, key_of};
-use crate::store::{Context, MappedSlice, Run, WorkDir, npy};
+use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde_json::{Value, json};
 
 /// Number of nodes of the contracted graph.
@@ -146,8 +146,7 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
     drop(owner);
     [OWNER, FIELD].iter().for_each(|name| work.remove(&format!("{name}.partial")));
     let (graph, weighted) = assemble(graph, nodes, &borders, key.to_string(), work)?;
-    let seeds = npy::write(&work.file(SEEDS), &seeds, 1, false)?;
-    let areas = npy::write(&work.file(AREAS), &areas, 1, false)?;
+    let (seeds, areas) = (work.write(SEEDS, &seeds, 1)?, work.write(AREAS, &areas, 1)?);
     Ok(ContractedSurface { graph, weighted, of_node, seeds, areas })
 }
 
@@ -300,13 +299,12 @@ fn assemble(
         entries[next[row as usize] as usize] = (column, values);
         next[row as usize] += 1;
     }
-    let write = |name: &str, k: usize| {
-        npy::write(&inner.file(name), &entries.iter().map(|(_, values)| values[k]).collect::<Vec<f32>>(), 1, false)
-    };
+    let write =
+        |name: &str, k: usize| inner.write(name, &entries.iter().map(|(_, values)| values[k]).collect::<Vec<f32>>(), 1);
     let indices: Vec<u32> = entries.iter().map(|(column, _)| *column).collect();
     let edges = DualEdges::of_arrays(
-        OwnedRowStarts::Plain(npy::write(&inner.file(PLAIN), &indptr, 1, false)?),
-        npy::write(&inner.file(EDGES[0]), &indices, 1, false)?,
+        OwnedRowStarts::Plain(inner.write(PLAIN, &indptr, 1)?),
+        inner.write(EDGES[0], &indices, 1)?,
         write(EDGES[1], 1)?,
         write(EDGES[2], 2)?,
     );
@@ -320,7 +318,7 @@ fn assemble(
         area: nodes.iter().map(|node| f64::from(node.area)).sum(),
         ..graph.facts.clone()
     };
-    let nodes = npy::write(&inner.file(NODE_GEOMETRY), &nodes, 7, false)?.into();
+    let nodes = inner.write(NODE_GEOMETRY, &nodes, 7)?.into();
     Ok((DualGraph { edges, nodes, components: None, facts, key }, weighted))
 }
 

@@ -111,7 +111,7 @@ pub struct Bytes {
     pub peak_allocated: Option<u64>,
     /// The memory budget.
     pub budget: u64,
-    /// Bytes in the work directory at the end, without the folder of the contraction.
+    /// Bytes in the work directory at the end.
     pub work_dir: u64,
 }
 

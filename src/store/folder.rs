@@ -151,6 +151,17 @@ impl WorkFolder {
     }
 }
 
+/// The size in bytes of all files in `folder` and in folders inside; what cannot be read counts as nothing.
+pub(super) fn bytes_in(folder: &Path) -> u64 {
+    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    let bytes = |entry: std::fs::DirEntry| match entry.metadata() {
+        Ok(metadata) if metadata.is_dir() => bytes_in(&entry.path()),
+        Ok(metadata) => metadata.len(),
+        Err(_) => 0,
+    };
+    entries.flatten().map(bytes).sum()
+}
+
 /// Locks the folder, exclusively or shared with other readers. A reader may lack write permission: a lock file that is
 /// missing or cannot be read keeps nobody out.
 ///
@@ -311,6 +322,20 @@ fn remove_folder(path: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Regression: the size of a work directory left out the folder of the contraction.
+    #[test]
+    fn the_size_includes_folders_inside() {
+        let dir = tempfile::tempdir().unwrap();
+        let inner = dir.path().join("contracted");
+        std::fs::create_dir(&inner).unwrap();
+        std::fs::write(dir.path().join("x"), [1; 100]).unwrap();
+        std::fs::write(inner.join("y"), [1; 20]).unwrap();
+        std::os::unix::fs::symlink(dir.path(), inner.join("circle")).unwrap();
+        let link = std::fs::symlink_metadata(inner.join("circle")).unwrap().len();
+        assert_eq!(bytes_in(dir.path()), 120 + link);
+        assert_eq!(bytes_in(&dir.path().join("absent")), 0);
+    }
 
     /// Regression: other users could read temporary folders, and a planted symbolic link had its target changed.
     #[test]

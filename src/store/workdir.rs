@@ -14,7 +14,7 @@
 //! reused.
 
 use super::budget::Budget;
-use super::folder::{LOCK, Lock, WorkFolder, lock};
+use super::folder::{LOCK, Lock, WorkFolder, bytes_in, lock};
 use super::in_memory::InMemoryArrays;
 use super::json;
 use super::manifest::FORMAT;
@@ -428,10 +428,9 @@ impl WorkDir {
         self.manifest_lock().clone()
     }
 
-    /// Total size in bytes of all files in it now.
+    /// Total size in bytes of all files in it now, those of folders inside included.
     pub fn bytes(&self) -> u64 {
-        let Some(Ok(entries)) = self.folder.existing().map(std::fs::read_dir) else { return 0 };
-        entries.flatten().filter_map(|entry| entry.metadata().ok()).map(|metadata| metadata.len()).sum()
+        self.folder.existing().map_or(0, bytes_in)
     }
 }
 

@@ -57,6 +57,27 @@ fn disk_and_memory_are_what_was_planned() {
     }
 }
 
+/// Regression: reports left out the folder of the contraction, which is most of the work directory here, and its graph
+/// was written to the disk even where all else is held in memory.
+#[test]
+fn the_contraction_is_planned_and_reported() {
+    let dir = in_memory();
+    let mesh = creature(dir.path(), 100_000);
+    let [out, work] = ["labels.npy", "work"].map(|name| dir.path().join(name).to_str().unwrap().to_string());
+    let bytes_of = |kept: &[&str]| {
+        let run = program(&[&["segment", &mesh, "-q", "--json", "-o", &out], kept].concat());
+        let report: Value = serde_json::from_slice(&run.stdout).unwrap();
+        report["bytes"]["work_dir"].as_f64().unwrap()
+    };
+    let in_memory = bytes_of(&[]);
+    assert!(in_memory < 1e5, "{in_memory}");
+    let kept = ["--work-dir", work.as_str()];
+    let plan = program(&[&["plan", &mesh, "--json"], &kept[..]].concat());
+    let plan: Value = serde_json::from_slice(&plan.stdout).unwrap();
+    let (planned, used) = (plan["disk"].as_f64().unwrap(), bytes_of(&kept));
+    assert!((0.8..1.2).contains(&(planned / used)), "{planned} {used}");
+}
+
 /// With `ulimit -v`, as on shared machines, the default budget was half of the machine's memory, and the run was aborted.
 #[test]
 fn the_default_budget_is_within_the_limit_of_the_process() {
