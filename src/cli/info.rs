@@ -14,10 +14,11 @@ use nystrom_stream::mesh::ply::{Element, Property};
 use nystrom_stream::mesh::size::{is_pipe, shows_when_read, size_of_mesh};
 use nystrom_stream::pipeline::input;
 use nystrom_stream::store::json::value as to_json;
-use nystrom_stream::store::verify::verify as check;
+use nystrom_stream::store::verify::{unrecorded, verify as check};
 use nystrom_stream::store::workdir::Manifest;
 use nystrom_stream::store::{Context, MappedBytes, Run, WorkDir};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -197,25 +198,33 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
         let _ = writeln!(text, "mesh {}", line(&mesh.to_string_lossy()));
     }
     let mut total = 0;
-    let mut list = |manifest: &Manifest, folder: &str| {
+    let mut add = |text: &mut String, file: &str, bytes: u64| {
+        total = u64::saturating_add(total, bytes);
+        let _ = writeln!(text, "  {file:24} {:>10}B {}", human(bytes as f64), per_face(bytes));
+    };
+    let mut list = |manifest: &Manifest, others: &BTreeMap<String, u64>, folder: &str| {
         let matched = manifest.stages.get("vertex graph").and_then(|stage| stage.inputs["input"]["file"].as_str());
         if let Some(mesh) = matched {
             let _ = writeln!(text, "{folder} mesh {}", line(mesh));
         }
         for (name, stage) in &manifest.stages {
             let _ = writeln!(text, "{folder}{}  key {}  {:.3} s", line(name), line(&stage.key), stage.seconds);
-            for (file, record) in &stage.files {
-                total = u64::saturating_add(total, record.bytes);
-                let _ = writeln!(text, "  {file:24} {:>10}B {}", human(record.bytes as f64), per_face(record.bytes));
-            }
+            stage.files.iter().for_each(|(file, record)| add(&mut text, file, record.bytes));
+        }
+        if !others.is_empty() {
+            let _ = writeln!(text, "{folder}files of no stage, such as a mesh that was decoded");
+            others.iter().for_each(|(file, bytes)| add(&mut text, &line(file), *bytes));
         }
     };
-    list(&manifest, "");
+    let others = unrecorded(&work);
+    list(&manifest, &others, "");
     let mut all = to_json("the manifest", &manifest)?;
+    all["other_files"] = json!(others);
     for (folder, inner) in inner {
-        let inner = inner.manifest();
-        list(&inner, &format!("{}/", line(&folder)));
-        all["folders"][folder] = to_json("a manifest", &inner)?;
+        let (others, inner) = (unrecorded(&inner), inner.manifest());
+        list(&inner, &others, &format!("{}/", line(&folder)));
+        all["folders"][&folder] = to_json("a manifest", &inner)?;
+        all["folders"][folder]["other_files"] = json!(others);
     }
     let _ = writeln!(text, "total {}B {}", human(total as f64), per_face(total));
     Ok(args.json.publish_or_print(&all, &text)?)

@@ -1,11 +1,17 @@
-//! Checks whether the files of a work directory are intact: every byte against its checksum.
+//! Checks whether the files of a work directory are intact: every byte against its checksum. Lists the files that have
+//! none.
 //!
 //! Cost: one pass over all files, at the speed of the disk.
 
+use super::folder::LOCK;
+use super::manifest::MANIFEST;
 use super::new_file::partial_name;
+use super::workdir::WorkDir;
 use crate::base::Result;
+use crate::base::sort::map_of;
 use crate::store::Context;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// A file that was checked.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -52,11 +58,25 @@ fn stages(context: Context<'_>) -> Result<Vec<Checked>> {
     Ok(all)
 }
 
+/// The files in `work` that belong to no stage, with their sizes in bytes: a decoded mesh, a copy of standard input,
+/// what a killed run left. What cannot be read is left out.
+pub fn unrecorded(work: &WorkDir) -> BTreeMap<String, u64> {
+    let manifest = work.manifest();
+    let of_stage = |name: &str| manifest.stages.values().any(|stage| stage.files.contains_key(name));
+    let file = |entry: std::fs::DirEntry| {
+        let (name, metadata) = (entry.file_name().to_string_lossy().into_owned(), entry.metadata().ok()?);
+        let is_other = metadata.is_file() && ![MANIFEST, LOCK].contains(&name.as_str()) && !of_stage(&name);
+        is_other.then_some((name, metadata.len()))
+    };
+    let entries = std::fs::read_dir(work.path()).into_iter().flatten().flatten();
+    map_of(entries.filter_map(file))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::store::stage::{StageKey, key_of};
-    use crate::store::{Run, WorkDir, npy};
+    use crate::store::{Run, npy};
     use serde_json::json;
 
     #[test]

@@ -195,3 +195,28 @@ fn info_measures_a_mesh_of_any_format() {
     assert!(String::from_utf8(piped.stdout).unwrap().contains("area          4.00000"));
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2, "nothing is left there");
 }
+
+/// Regression: the files of a decoded mesh were neither listed nor counted.
+#[test]
+fn a_decoded_mesh_is_listed_with_the_files_of_its_work_directory() {
+    let dir = in_memory();
+    let mesh = write(dir.path(), "tetrahedron.ply", TETRAHEDRON);
+    let work = dir.path().join("work");
+    let made = run(&["graph", word(&mesh), "--work-dir", word(&work), "-q"]);
+    assert!(made.status.success(), "{}", errors(&made));
+    let text = String::from_utf8(run(&["info", word(&work)]).stdout).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&run(&["info", word(&work), "--json"]).stdout).unwrap();
+    let mut total = 0;
+    for file in std::fs::read_dir(&work).unwrap().map(Result::unwrap) {
+        let (name, bytes) = (file.file_name().into_string().unwrap(), file.metadata().unwrap().len());
+        if ["manifest.json", "lock"].contains(&name.as_str()) {
+            continue;
+        }
+        total += bytes;
+        assert!(text.contains(&format!("  {name} ")), "{name} in {text}");
+        let of_no_stage = ["triangles.npy", "vertices.npy"].contains(&name.as_str());
+        assert_eq!(json["other_files"][&name].as_u64(), of_no_stage.then_some(bytes), "{name}");
+    }
+    assert_eq!(json["other_files"].as_object().unwrap().len(), 2, "{json}");
+    assert!(text.contains(&format!("total {total}B ")), "{total} in {text}");
+}
