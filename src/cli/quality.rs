@@ -254,7 +254,8 @@ pub struct StudyArgs {
 
 pub fn study(args: &StudyArgs, app: &AppContext) -> Result<(), CliError> {
     check_charts("--plot", &args.plot)?;
-    if args.landmarks > args.points {
+    // Of all points there is only one sample.
+    if args.landmarks >= args.points {
         return Err(CliError::Usage(format!(
             "-l: {} landmarks for {} points; choose fewer",
             args.landmarks, args.points

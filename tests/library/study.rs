@@ -476,6 +476,8 @@ fn the_commands_tell_compare_and_draw() {
         &["quality", common::word(&mesh), "--sigma", "0"],
         &["quality", common::word(&mesh), "--compare", "--plot", "c.gif"],
         &["study", "--points", "20", "-l", "30"],
+        // Regression: with all points in both samples, agreement was said to be 0 %.
+        &["study", "--points", "20", "-l", "20"],
     ] {
         assert_eq!(common::run(words).status.code(), Some(2), "{words:?}");
     }
