@@ -38,7 +38,7 @@ impl Edits {
     /// Reads the file `path`.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Malformed`] naming the edit.
+    /// [`Error::Io`]; as [`Edits::of_text`].
     pub fn read(path: &Path) -> Result<Self> {
         let text = json::read_small(path)?;
         Self::of_text(&text, path)
@@ -58,15 +58,15 @@ impl Edits {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Malformed`] naming the edit.
+    /// [`Error::Malformed`] naming the edit; [`Error::Unusable`] for what concerns no single edit.
     pub fn of_text(text: &[u8], path: &Path) -> Result<Self> {
         let form = "see docs/edits.md for the format";
-        let wrong = |problem: String| Error::malformed(path, "edits", problem, form);
-        let head: Head = serde_json::from_slice(text).map_err(|error| wrong(error.to_string()))?;
+        let head: Head = serde_json::from_slice(text)
+            .map_err(|error| Error::unusable(path, format!("is not a list of edits: {error}"), form))?;
         if head.format != FORMAT || head.version != VERSION {
-            let problem = format!("{:?}, version {}, is not supported", head.format, head.version);
+            let problem = format!("format {:?}, version {}, is not supported", head.format, head.version);
             let remedy = format!("give a file whose format is {FORMAT:?} and whose version is {VERSION}");
-            return Err(Error::malformed(path, "edits", problem, remedy));
+            return Err(Error::unusable(path, problem, remedy));
         }
         let mut edits = Self {
             path: path.into(),
@@ -94,14 +94,14 @@ impl Edits {
     /// Rejects edits that are invalid for any mesh.
     ///
     /// # Errors
-    /// [`Error::Malformed`] naming the edit.
+    /// As [`Edits::of_text`].
     pub fn check(&self) -> Result<()> {
-        let wrong = |problem: &str, remedy: &str| Err(Error::malformed(self.name(), "edits", problem, remedy));
+        let wrong = |problem: &str, remedy: &str| Err(Error::unusable(self.name(), problem, remedy));
         if self.parts.is_some() && self.detail.is_some() {
             return wrong("has both parts and detail", "keep one of them");
         }
         if self.parts == Some(0) {
-            return wrong("0 parts", "give at least 1");
+            return wrong("starts from 0 parts", "give at least 1");
         }
         if self.detail.is_some_and(|detail| !(-1. ..=1.).contains(&detail)) {
             return wrong("its detail is not between -1 and 1", "correct it");
@@ -217,10 +217,27 @@ mod tests {
             let error = error(edits);
             assert!(error.starts_with("e.json: ") && error.contains(part) && error.contains("; "), "{error}");
         }
-        for text in ["", "[]", "{}", r#"{"format": "x", "version": 1, "edits": []}"#] {
-            assert!(Edits::of_text(text.as_bytes(), Path::new("e.json")).is_err(), "{text}");
+    }
+
+    /// Regression: without a file the message began with "edits: edits: ".
+    #[test]
+    fn errors_about_all_edits_name_them_once() {
+        let head = |more: &str| format!(r#"{{"format": "nystrom-stream edits", "version": 1, {more}, "edits": []}}"#);
+        for (text, told) in [
+            (String::new(), "is not a list of edits: EOF"),
+            ("[]".into(), "is not a list of edits: invalid length 0"),
+            ("{}".into(), "is not a list of edits: missing field `format`"),
+            (
+                r#"{"format": "x", "version": 1, "edits": []}"#.into(),
+                r#"format "x", version 1, is not supported; give"#,
+            ),
+            (head(r#""parts": 2, "detail": 0.5"#), "has both parts and detail; keep one"),
+            (head(r#""parts": 0"#), "starts from 0 parts; give at least 1"),
+            (head(r#""detail": 2"#), "its detail is not between"),
+            (head(r#""box": [[1, 1, 1], [0, 0, 0]]"#), "its box is not a minimum"),
+        ] {
+            let error = Edits::of_text(text.as_bytes(), Path::new("edits")).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("edits: {told}")) && error.contains("; "), "{error}");
         }
-        let both = r#"{"format": "nystrom-stream edits", "version": 1, "parts": 2, "detail": 0.5, "edits": []}"#;
-        assert!(Edits::of_text(both.as_bytes(), Path::new("e.json")).unwrap_err().to_string().contains("both"));
     }
 }
