@@ -1,10 +1,11 @@
-//! A short calibration: the recipe on two synthetic creatures, timed by stage.
+//! A short calibration: the recipe on synthetic creatures, timed by stage.
 //!
-//! Both are treated like the mesh: contracted if it is, otherwise with rows over all faces. A third one has noise, and
-//! shows what smoothing the normals of a rough surface costs. Creatures have no more landmarks, and no more parts of
-//! K-means and 2-means, than usual; the cost of more of them is extrapolated. Takes one to five seconds and some 20 MB
-//! of temporary disk; for meshes of more than ten million faces less than a tenth of the run, and at most some six
-//! seconds.
+//! They are treated like the mesh: contracted if it is, otherwise with rows over all faces. One has noise, and shows
+//! what smoothing the normals of a rough surface costs. Creatures have no more landmarks, and no more parts of K-means
+//! and 2-means, than usual; the cost of more of them is extrapolated. For a mesh below a million faces one smooth and
+//! one rough creature are cut, in some one and a half times the time of the run. For a larger one there are smooth ones
+//! of two sizes: three to six seconds, less than a tenth of the run above ten million faces. Some 20 MB of temporary
+//! disk.
 
 use super::params::{Cluster, SegmentParams, default_landmarks_for_faces, dimensions, landmarks_on_contraction};
 use super::plan::StageTime;
@@ -32,11 +33,14 @@ impl Progress for Clock {
     }
 }
 
-/// Minimum and maximum number of faces of the larger creature for a mesh too small to be contracted; a creature has
-/// somewhat more faces than requested.
-const SMALL: [u64; 2] = [14_200, 48_000];
+/// Number of faces from which the fixed part of the time is told from the part per face by creatures of two sizes; they
+/// would take longer than a run over fewer.
+const TWO_SIZES: u64 = 1_000_000;
 
-/// Minimum (if the mesh has as many) and maximum number of faces of the larger creature for a larger mesh.
+/// Minimum number of faces of a creature; it has somewhat more than requested.
+const LEAST: u64 = 3_550;
+
+/// Minimum and maximum number of faces of the larger of two creatures.
 const LARGE: [u64; 2] = [500_000, 5_000_000];
 
 /// Maximum number of parts, and of coordinates, of K-means and 2-means on a creature. A thousand of each take minutes.
@@ -71,22 +75,22 @@ fn steps(params: &SegmentParams, nodes: f64) -> f64 {
     fit + nodes * (l * (l + d + 4.) + k * d)
 }
 
-/// The larger creature has at most one in this many of the mesh's faces, except for small meshes.
+/// The larger of two creatures has at most one in this many of the mesh's faces.
 const SHARE: u64 = 20;
 
 /// Runs over creatures of fewer faces are so short that a momentary load can double them: each is repeated, and the
 /// mean is used.
 const TWICE_BELOW: u64 = 1_000_000;
 
-/// Numbers of faces of the two creatures for a mesh of `faces` faces, one four times the other. Both are contracted if
-/// the mesh is.
+/// Numbers of faces of the creatures for a mesh of `faces` faces: the same for a small mesh, otherwise one four times
+/// the other. All are contracted if the mesh is.
 fn sizes(faces: u64) -> [u64; 2] {
-    if faces <= contract::LARGE as u64 {
-        let many = faces.clamp(SMALL[0], SMALL[1]);
-        return [many / 4, many];
+    if faces < TWO_SIZES {
+        let contracted = contract::LARGE as u64;
+        let one = (faces / 2).max(if faces <= contracted { LEAST } else { contracted + 1 });
+        return [one, one];
     }
-    let least = contract::LARGE as u64 + 1;
-    let many = (faces / SHARE).clamp(LARGE[0].min(faces.max(4 * least)), LARGE[1]);
+    let many = (faces / SHARE).clamp(LARGE[0], LARGE[1]);
     [many / 4, many]
 }
 
@@ -102,9 +106,9 @@ pub struct Calibration {
     pub rough: BTreeMap<String, StageTime>,
 }
 
-/// The pace of each stage on a mesh of `faces` faces, measured in a temporary folder inside `folder` on creatures of
-/// two sizes, since some stages have a fixed cost. Large meshes use different methods than small ones (blocks of nodes,
-/// patches to test whether the surface is clean), so their creatures are large.
+/// The pace of each stage on a mesh of `faces` faces, measured in a temporary folder inside `folder`: for a large mesh
+/// on creatures of two sizes, since some stages have a fixed cost. Large meshes use different methods than small ones
+/// (blocks of nodes, patches to test whether the surface is clean), so their creatures are large.
 ///
 /// # Errors
 /// As [`segment`].
@@ -116,6 +120,7 @@ pub fn calibrate(
     run: &Run,
 ) -> Result<Calibration> {
     let [few, many] = sizes(faces);
+    let of_two = few < many;
     let contracts = params.contracts(faces as usize);
     let asked = params.clone().landmarks((landmarks > 0).then_some(landmarks));
     let mut params = calibrated(&asked, faces as usize);
@@ -124,7 +129,7 @@ pub fn calibrate(
     let more_rows = landmarks as f64 / params.landmarks.unwrap_or(landmarks).max(1) as f64;
     let mean_seconds = |size, noise| -> Result<Timed> {
         let mut mean = seconds(&params, size, noise, folder, run)?;
-        if size < TWICE_BELOW {
+        if of_two && size < TWICE_BELOW {
             for (stage, again) in seconds(&params, size, noise, folder, run)?.stages {
                 mean.stages.entry(stage).and_modify(|mean| *mean = (*mean + again) / 2.);
             }
@@ -139,20 +144,27 @@ pub fn calibrate(
         }
         Ok(mean)
     };
-    // A warm-up run: the first one pays for the program's own pages and caches.
-    seconds(&params, few.min(LARGE[0] / 4), 0., folder, run)?;
-    let (short, rough, long) = (mean_seconds(few, 0.)?, mean_seconds(few, NOISE)?, mean_seconds(many, 0.)?);
+    if of_two {
+        // A warm-up run: the first one pays for the program's own pages and caches, as a short run does, too.
+        seconds(&params, few.min(LARGE[0] / 4), 0., folder, run)?;
+    }
+    let (short, rough) = (mean_seconds(few, 0.)?, mean_seconds(few, NOISE)?);
+    let larger = of_two.then(|| mean_seconds(many, 0.)).transpose()?;
+    let long = larger.as_ref().unwrap_or(&short);
     let mut times = Calibration::default();
     for (stage, &seconds) in &long.stages {
-        let time = if contracts && ON_CONTRACTION.contains(&stage.as_str()) {
+        let is_fixed = if contracts { ON_CONTRACTION.contains(&stage.as_str()) } else { !of_two && stage == "parts" };
+        let time = if is_fixed {
             StageTime { fixed: seconds, per_face: 0. }
         } else {
-            StageTime::through((short.faces, short.of(stage)), (long.faces, seconds))
+            let least = if of_two { (short.faces, short.of(stage)) } else { (0., 0.) };
+            StageTime::through(least, (long.faces, seconds))
         };
         let name = planned_as(stage).to_string();
         *times.smooth.entry(name.clone()).or_default() += time;
-        let more = (rough.of(stage) - short.of(stage)).max(0.) / short.faces;
-        *times.rough.entry(name).or_default() += time.slower_by(more);
+        let more = (rough.of(stage) - short.of(stage)).max(0.);
+        let slower = StageTime { fixed: time.fixed + more, ..time };
+        *times.rough.entry(name).or_default() += if is_fixed { slower } else { time.slower_by(more / short.faces) };
     }
     Ok(times)
 }
@@ -239,15 +251,25 @@ mod tests {
     /// Regression: the smaller creature was not contracted when the mesh was, so extrapolation from the two was
     /// meaningless.
     #[test]
-    fn both_creatures_are_contracted_if_the_mesh_is() {
+    fn creatures_are_contracted_if_the_mesh_is() {
         let contracted = |faces: u64| SegmentParams::default().contracts(faces as usize);
         for faces in [100, 3_000, 48_000, 60_000, 60_001, 100_000, 1_000_000, 100_000_000, 1_000_000_000] {
             let [few, many] = sizes(faces);
-            assert!((4 * few..=4 * few + 3).contains(&many), "{few} and {many} for {faces}");
+            let times = if faces < TWO_SIZES { 1 } else { 4 };
+            assert!((times * few..=times * few + 3).contains(&many), "{few} and {many} for {faces}");
             for size in [few, many] {
                 let made = Creature::new(&Options { faces: size, ..Options::default() }).unwrap().face_count();
                 assert_eq!(contracted(made), contracted(faces), "{made} of {size} for {faces}");
             }
+        }
+    }
+
+    /// Regression: calibrating cut seven creatures, in three to five seconds, for meshes that are cut in one.
+    #[test]
+    fn calibrating_cuts_fewer_faces_than_a_small_mesh_has() {
+        for faces in [10_000, 25_000, 60_000, 270_000, 900_000] {
+            let [few, many] = sizes(faces);
+            assert!(few == many && 2 * few <= faces, "{few} and {many} for {faces}");
         }
     }
 }
