@@ -4,7 +4,7 @@
 //! and memory evenly, so the resources of one mesh depend on `--jobs` alone. A mesh that fails is reported, and the
 //! rest continues.
 
-use super::edits::Like;
+use super::edits::{Like, NameTable};
 use super::errors::{file_of, message};
 use super::input::meshes;
 use super::options::{AppContext, CliError};
@@ -69,6 +69,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     // A pattern or a list that happens to match one mesh is still a batch.
     let many = several || args.is_batch();
     let (mut params, mut edits) = check(args, &meshes, several)?;
+    let names = NameTable::read(args.edits.names.as_deref())?;
     let like = match &args.like.like {
         Some(path) if params.cluster != Cluster::Parts => {
             return Err(CliError::Usage(format!("--like {}: can only be used with --cluster parts", path.display())));
@@ -87,7 +88,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
         }
         None => None,
     };
-    let task = Task { args, params: &params, edits: edits.as_ref(), like: like.as_ref() };
+    let task = Task { args, params: &params, edits: edits.as_ref(), names: names.as_ref(), like: like.as_ref() };
     let mut jobs = jobs(meshes, &args.output)?;
     let written = jobs.iter().flat_map(|job| &job.outputs).map(|output| output.target().to_path_buf());
     let written: Vec<PathBuf> = written.chain(args.json.json.clone()).chain(args.json_lines.clone()).collect();

@@ -59,7 +59,8 @@ pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     // Generating the mesh is not part of the measurement.
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    let report = segment::one(&job, Task { args: &cut, params: &params, edits: None, like: None }, &bars, &run, app)?;
+    let task = Task { args: &cut, params: &params, edits: None, names: None, like: None };
+    let report = segment::one(&job, task, &bars, &run, app)?;
 
     let table = contingency(&seg::read_seg(&labels_file)?, &seg::read_seg(&truth_file)?, None)?;
     let mut lines = vec![

@@ -101,18 +101,29 @@ impl EditArgs {
     }
 }
 
-/// Gives the parts in `names` the names in `table`, where it has one; there are `parts` parts. Returns whether there is
-/// a table.
-pub fn named(names: &mut Vec<String>, table: Option<&Path>, parts: usize) -> Result<bool, Error> {
-    let Some(path) = table else { return Ok(false) };
-    let table = read_names(path)?;
-    if table.len() > parts {
-        let problem = format!("names part {}, but there are only {parts} parts, counted from 0", table.len() - 1);
-        return Err(Error::unusable(path, problem, "remove its line"));
+/// A table of names of parts. It is read before any work, and only once: it may be a pipe.
+pub struct NameTable {
+    path: PathBuf,
+    names: Vec<String>,
+}
+
+impl NameTable {
+    /// Reads the table `path`, if one is given.
+    pub fn read(path: Option<&Path>) -> Result<Option<Self>, Error> {
+        path.map(|path| Ok(Self { path: path.into(), names: read_names(path)? })).transpose()
     }
-    names.resize(parts, String::new());
-    names.iter_mut().zip(table).filter(|(_, new)| !new.is_empty()).for_each(|(name, new)| *name = new);
-    Ok(true)
+
+    /// Gives the parts in `names` their names, where the table has one; there are `parts` parts.
+    pub fn give(&self, names: &mut Vec<String>, parts: usize) -> Result<(), Error> {
+        let Self { path, names: table } = self;
+        if table.len() > parts {
+            let problem = format!("names part {}, but there are only {parts} parts, counted from 0", table.len() - 1);
+            return Err(Error::unusable(path, problem, "remove its line"));
+        }
+        names.resize(parts, String::new());
+        names.iter_mut().zip(table).filter(|(_, new)| !new.is_empty()).for_each(|(name, new)| name.clone_from(new));
+        Ok(())
+    }
 }
 
 /// Edits and painted values in the form that the library takes.

@@ -1,6 +1,6 @@
 //! `segment` on one mesh: its options, the cut, and the outputs.
 
-use super::edits::{EditArgs, Like, LikeArgs, corrections, named as give_names};
+use super::edits::{EditArgs, Like, LikeArgs, NameTable, corrections};
 use super::input::{check_there, read};
 use super::method::MethodArgs;
 use super::options::{AppContext, ForceArgs, RunArgs, ScratchArgs};
@@ -154,6 +154,8 @@ pub struct Task<'a> {
     pub params: &'a SegmentParams,
     /// The edits.
     pub edits: Option<&'a Edits>,
+    /// The names of the parts.
+    pub names: Option<&'a NameTable>,
     /// The mesh whose parts it is to get.
     pub like: Option<&'a Like>,
 }
@@ -180,7 +182,7 @@ fn doubts(facts: &LikeFacts) -> String {
 
 /// Segments one mesh and writes its outputs.
 pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) -> Result<Report> {
-    let Task { args, params, edits, like } = task;
+    let Task { args, params, edits, names, like } = task;
     let Job { mesh: path, outputs } = job;
     check_there(path)?;
     outputs.iter().try_for_each(|output| output.check().and_then(|()| output.check_budget(&run.budget)))?;
@@ -200,7 +202,8 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     if let (Some(like), Some(transferred)) = (like, &mut transferred) {
         result = like::apply_reference_numbering(result, transferred, like.reference(), Context::new(&work, run))?;
     }
-    if give_names(&mut result.names, args.edits.names.as_deref(), result.colours.len())? {
+    if let Some(names) = names {
+        names.give(&mut result.names, result.colours.len())?;
         labels::keep(&result, Context::new(&work, run))?;
     }
     let likeness = transferred.as_ref().map(|transferred| &transferred.facts);

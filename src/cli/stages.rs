@@ -4,7 +4,7 @@
 //! `graph` needs the mesh; the others find its location in the work directory, and make missing earlier stages.
 
 use super::choices::choice;
-use super::edits::{EditArgs, corrections, named};
+use super::edits::{EditArgs, NameTable, corrections};
 use super::errors::of_file;
 use super::input::{open_file, read};
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
@@ -335,6 +335,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     check_places(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.json.json))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
     let (params, edits) = args.params(&record)?;
+    let names = NameTable::read(args.edits.names.as_deref())?;
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
     check_mesh(args.mesh.as_deref(), &record, work.path())?;
     let context = Context::new(&work, &run);
@@ -347,7 +348,8 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let corrections = corrections(placed.as_ref(), painted.as_ref());
     let mut result = recipe::cluster(&params, tree.as_ref(), corrections, context)
         .map_err(|error| of_file(error, "tree", args.tree.as_deref()))?;
-    if named(&mut result.names, args.edits.names.as_deref(), result.colours.len())? {
+    if let Some(names) = names {
+        names.give(&mut result.names, result.colours.len())?;
         labels::keep(&result, context)?;
     }
     if let Some(note) = result.graph.note(&record.mesh) {
@@ -422,7 +424,9 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         let scratch = WorkDir::in_memory(&scratch, &run.budget);
         let kept = Labels::read(&work)?;
         let (mut names, colours) = (kept.names(), kept.colours());
-        named(&mut names, args.names.as_deref(), colours.len())?;
+        if let Some(table) = NameTable::read(args.names.as_deref())? {
+            table.give(&mut names, colours.len())?;
+        }
         let Labels { labels, quality, parts, edits, .. } = kept;
         let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &names };
         let agreement: Vec<f64> = parts.iter().filter_map(|part| part.expected_agreement).collect();

@@ -493,6 +493,20 @@ fn names_go_into_every_output() {
     );
 }
 
+/// Regression: a table of names that cannot be read was told of after the cut.
+#[test]
+fn names_are_read_before_any_work() {
+    let scene = scene(1_000);
+    let table = scene.dir.path().join("names.tsv");
+    for (text, told) in [(None, "cannot read: No such file"), (Some("0 body\n"), "line 1: has no tab")] {
+        text.iter().for_each(|text| std::fs::write(&table, text).unwrap());
+        let output = run(&["segment", word(&scene.mesh), "--names", word(&table)]);
+        let told_all = errors(&output);
+        assert!(output.status.code() == Some(1) && told_all.contains(told), "{told_all}");
+        assert_eq!(told_all.lines().count(), 1, "{told_all}");
+    }
+}
+
 #[test]
 fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     let scene = scene(12_000);
