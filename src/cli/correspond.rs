@@ -179,8 +179,8 @@ impl CorrespondArgs {
             return Err(CliError::Usage(text));
         }
         let inputs = [&self.a, &self.b].into_iter().chain(&self.landmarks_file).chain(&self.initial_map);
-        check_places(inputs, self.work_dir.as_deref(), self.outputs().chain(&self.json.json))?;
-        Ok([&self.a, &self.b].into_iter().try_for_each(|path| check_there(path))?)
+        check_places(inputs.clone(), self.work_dir.as_deref(), self.outputs().chain(&self.json.json))?;
+        Ok(inputs.into_iter().try_for_each(|path| check_there(path))?)
     }
 
     /// Every output has the extension of its format.

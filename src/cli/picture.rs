@@ -93,6 +93,7 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     let params = args.params();
     params.check()?;
     let target = args.target()?;
+    check_labels(args.labels.as_deref())?;
     check_is_no_stream("-o", &target)?;
     check_places([&args.mesh].into_iter().chain(&args.labels), None, [&target])?;
     check_there(&args.mesh)?;
@@ -115,17 +116,20 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(())
 }
 
-/// The labels of `mesh` in the file `given`, or in the mesh's own file; `None` if there are none. An extension other
-/// than .seg and .npy is a usage error.
-pub(super) fn labelled(
-    mesh: &Mesh,
-    given: Option<&Path>,
-    context: Context<'_>,
-) -> Result<Option<LabelledFaces>, CliError> {
-    let Some(path) = given else { return Ok(LabelledFaces::of_mesh(mesh, context)?) };
+/// Rejects a file of labels that is missing or has an extension other than .seg and .npy, before a mesh is read.
+pub(super) fn check_labels(given: Option<&Path>) -> Result<(), CliError> {
+    let Some(path) = given else { return Ok(()) };
     if !["seg", "npy"].iter().any(|ending| ends_with(path, ending)) {
         let text = format!("--labels {}: unknown extension; give a .seg or .npy file", path.display());
         return Err(CliError::Usage(text));
     }
-    Ok(Some(LabelledFaces::of_file(path, mesh, context.work)?))
+    Ok(check_there(path)?)
+}
+
+/// The labels of `mesh` in the file `given`, or in the mesh's own file; `None` if there are none.
+pub(super) fn labelled(mesh: &Mesh, given: Option<&Path>, context: Context<'_>) -> Result<Option<LabelledFaces>> {
+    match given {
+        Some(path) => LabelledFaces::of_file(path, mesh, context.work).map(Some),
+        None => LabelledFaces::of_mesh(mesh, context),
+    }
 }

@@ -4,7 +4,7 @@ use super::errors::of_file;
 use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, ResourceArgs, ScratchArgs, ShownArgs};
 use super::output::{JsonArgs, Output, PlyArgs, check_folders, outputs_of, scratch_folder};
-use super::picture::labelled;
+use super::picture::{check_labels, labelled};
 use super::results::Results;
 use super::sink::check_places;
 use nystrom_stream::apps::transfer::transfer;
@@ -44,6 +44,7 @@ pub struct TransferArgs {
 pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let outputs = outputs_of(&args.output)?;
     args.ply.check(&outputs)?;
+    check_labels(args.labels.as_deref())?;
     let inputs = [&args.from, &args.to].into_iter().chain(&args.labels);
     check_places(inputs.clone(), None, args.output.iter().chain(&args.json.json))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;

@@ -202,4 +202,8 @@ fn wrong_guidance_is_refused_in_a_line() {
         assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
         assert!(errors(&run).contains(part), "{words:?}: {}", errors(&run));
     }
+    // Regression: both meshes were read first.
+    let run = correspond(&a, &b, &["-o", out, "--initial-map", "nowhere.npy"]);
+    let told = errors(&run);
+    assert!(run.status.code() == Some(1) && told.starts_with("nystrom-stream: nowhere.npy: cannot open"), "{told}");
 }

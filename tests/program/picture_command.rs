@@ -72,6 +72,22 @@ fn what_is_wrong_is_said_in_a_line() {
     }
 }
 
+/// Regression: the mesh was read first.
+#[test]
+fn labels_that_cannot_be_read_are_refused_before_any_work() {
+    let dir = in_memory();
+    let mesh = dir.path().join("m.ply");
+    labelled(&mesh);
+    for (labels, code, told) in [("x.txt", 2, ".seg or .npy"), ("gone.seg", 1, "gone.seg: cannot open")] {
+        for words in [&["picture", "m.ply"][..], &["transfer-labels", "m.ply", "m.ply", "-o", "t.seg"]] {
+            let command = program().current_dir(dir.path()).args(words).args(["--labels", labels]).output().unwrap();
+            let text = errors(&command);
+            assert!(command.status.code() == Some(code) && text.contains(told), "{words:?}: {text}");
+            assert_eq!(text.lines().count(), 1, "{words:?}: {text}");
+        }
+    }
+}
+
 /// Regression: a picture that does not fit the budget was refused after all the work, when other outputs were written.
 #[test]
 fn a_picture_beyond_the_budget_is_refused_before_any_work() {
