@@ -108,6 +108,8 @@ impl Stage for EmbeddingStage<'_> {
 /// [`crate::base::Error::WorkDir`] if the graph is missing, [`crate::base::Error::Parameter`],
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn embed(params: EmbeddingParams, method: &SegmentParams, context: Context<'_>) -> Result<EmbeddingFacts> {
+    // Otherwise they would be refused when the existing embedding is gone.
+    params.check()?;
     let (graph, input) = DualGraph::kept(context.work)?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
     let rows = kept_or_new_rows(&graph, params.dimensions, method, context)?;

@@ -145,6 +145,9 @@ fn the_papers_ways_work_on_the_rows_that_are_there() {
     assert_eq!(shape, [n as u64, 5]);
     // Rows of unit length.
     assert!(values.chunks(5).all(|y| (y.iter().map(|x| x * x).sum::<f32>() - 1.).abs() < 1e-3));
+    // Regression: a wrong width was refused when the embedding was gone, and under another number.
+    let told = refused(&["embed", "--sigma", "-1"], work, 2);
+    assert!(told.contains("--sigma: -1 is not a width"), "{told}");
     assert!(stage(&["embed", "--normalise", "none", "-d", "5"], work).contains("embedding: reused"));
     stage(&["cluster", "-k", "6", "-o", word(out)], work);
     let plain = direct(mesh, &[&way[..], &["--normalise", "none", "--sigma", "1"]].concat());
