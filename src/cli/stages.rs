@@ -6,7 +6,7 @@
 use super::choices::choice;
 use super::edits::{EditArgs, NameTable, corrections};
 use super::errors::of_file;
-use super::input::{open_file, read};
+use super::input::{check_there, open_file, read};
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
 use super::options::{
     AppContext, CliError, ForceArgs, ResourceArgs, RunArgs, ScratchArgs, ShownArgs, WorkDirArgs, misfit, open,
@@ -210,6 +210,7 @@ pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     check_places([&args.mesh], Some(&args.place.work_dir), &args.json.json)?;
+    check_there(&args.mesh)?;
     let params = SegmentParams::default().order(args.order.or(Order::default()));
     let work = open(&args.place.work_dir, &run)?;
     let (opened, identity) = read(&args.mesh, args.force, Context::new(&work, &run))?;

@@ -779,6 +779,11 @@ fn outputs_replace_no_mesh_and_no_folder() {
         refused(&[command, "--work-dir", word(&path("missing"))], 1, "is not a work directory");
         assert!(!path("missing").exists());
     }
+    // Regression: so did `graph`.
+    for command in ["graph", "rows", "segment"] {
+        refused(&[command, word(&path("no.ply")), "--work-dir", word(&path("missing"))], 1, "no.ply: cannot open");
+        assert!(!path("missing").exists(), "{command}");
+    }
     let folder = format!("--json={}", word(dir.path()));
     refused(&["segment", word(&mesh), "-o", &outputs[1], &folder], 1, "is a folder; give a file");
     let long = path(&"x".repeat(250)).with_extension("seg");
