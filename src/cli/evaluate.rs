@@ -17,6 +17,9 @@ use nystrom_stream::store::{Context, Run, WorkDir, private_folder};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
+/// Maximum number of matches that are scored by default.
+const SAMPLES: u32 = 10_000;
+
 #[derive(Clone, Debug, clap::Args)]
 pub struct EvaluateArgs {
     /// Labels to score: .seg, .npy, or .ply with a face property `label`; with --benchmark a folder of them, named
@@ -42,10 +45,9 @@ pub struct EvaluateArgs {
     /// Score the matches of `correspond` instead, .npy or .csv; --mesh is the mesh they point to
     #[arg(long, value_name = "FILE", requires = "mesh", conflicts_with_all = ["labels", "benchmark", "plot"])]
     pub matches: Option<PathBuf>,
-    /// Maximum number of matches to score, spread evenly
-    #[arg(long, value_name = "N", default_value_t = 10_000, requires = "matches",
-          value_parser = clap::value_parser!(u32).range(1..))]
-    pub samples: u32,
+    /// Maximum number of matches to score, spread evenly [default: 10000]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub samples: Option<u32>,
     #[command(flatten)]
     pub json: JsonArgs,
     /// Plot 1 - Rand by category, beside that of people, .svg or .png
@@ -70,6 +72,10 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
     if args.plot.is_some() && args.benchmark.is_none() {
         return Err(misfit("--plot", "--benchmark"));
     }
+    // The parser lets it pass beside labels, which exclude --matches.
+    if args.samples.is_some() && args.matches.is_none() {
+        return Err(misfit("--samples", "--matches"));
+    }
     let inputs = args.labels.iter().chain(&args.mesh).chain(&args.truth).chain(&args.matches);
     check_places(inputs, None, args.plot.iter().chain(&args.json.json))?;
     let bars = Bars::new(if args.quiet { Style::Quiet } else { Style::of_terminal() });
@@ -91,7 +97,8 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
 fn matches(args: &EvaluateArgs, run: &Run) -> std::result::Result<Outcome, CliError> {
     match (&args.matches, &args.mesh, &args.truth[..]) {
         (Some(matches), Some(mesh), [] | [_]) => {
-            Ok(evaluate_matches(matches, mesh, args.truth.first().map(PathBuf::as_path), args.samples as usize, run)?)
+            let samples = args.samples.unwrap_or(SAMPLES) as usize;
+            Ok(evaluate_matches(matches, mesh, args.truth.first().map(PathBuf::as_path), samples, run)?)
         }
         _ => Err(CliError::Usage("--matches: give one --mesh, and at most one --truth".into())),
     }

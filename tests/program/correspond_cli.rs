@@ -255,6 +255,8 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         (vec!["--matches", word(&long), "--mesh", mesh], 1, "long.csv: has "),
         (vec!["--matches", "x.npy"], 2, "--mesh"),
         (vec!["--matches", word(&fine), "--mesh", mesh, "--samples", "0"], 2, "--samples"),
+        // It had no effect.
+        (vec!["x.seg", "--truth", "x.seg", "--samples", "5"], 2, "--samples can only be used with --matches"),
         (vec!["--matches", word(&a), "--mesh", word(&a)], 1, "unknown extension"),
     ] {
         let run = program().arg("evaluate").args(&words).output().unwrap();
