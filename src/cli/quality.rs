@@ -65,9 +65,9 @@ pub struct QualityArgs {
     /// 0.1/l, from 0.001 to 0.01]
     #[arg(long, value_name = "T", conflicts_with = "embedding")]
     pub tolerance: Option<f64>,
-    /// Kernel of pivoted Cholesky and of the Γ that greedy sampling maximises
-    #[arg(long, value_parser = choice::<Kernel>(), value_name = "KERNEL", default_value = "exponential")]
-    pub gamma_kernel: Kernel,
+    /// Kernel of pivoted Cholesky and of the Γ that greedy sampling maximises [default: exponential]
+    #[arg(long, value_parser = choice::<Kernel>(), value_name = "KERNEL")]
+    pub gamma_kernel: Option<Kernel>,
     /// Compute all distances too, for up to 5,000 faces: the exact residual, and for one run the norms of the Schur
     /// complement and the principal angles to the exact eigenvectors, in time cubic in the number of faces
     #[arg(long, conflicts_with = "embedding")]
@@ -117,6 +117,10 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
         ([], false) => vec![Sampling::Farthest],
         (given, _) => given.to_vec(),
     };
+    let by_kernel = [Sampling::Cholesky, Sampling::Greedy, Sampling::PooledGreedy];
+    if args.gamma_kernel.is_some() && !samplings.iter().any(|sampling| by_kernel.contains(sampling)) {
+        return Err(misfit("--gamma-kernel", "--sampling cholesky, greedy or pooled-greedy"));
+    }
     let several = samplings.len() > 1 || args.landmarks.len() > 1 || args.meshes.len() > 1;
     if several && !args.compare && !(args.embedding && samplings.len() == 1) {
         return Err(CliError::Usage("several meshes, samplings or numbers of landmarks require --compare".into()));
@@ -133,7 +137,7 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
         .width(args.local.map_or(args.sigma, f64::from))
         .local(args.local.is_some())
         .tolerance(args.tolerance)
-        .gamma_kernel(args.gamma_kernel)
+        .gamma_kernel(args.gamma_kernel.unwrap_or(Kernel::Exponential))
         .residual(args.exact)
         .schur(args.exact && !args.compare))
 }

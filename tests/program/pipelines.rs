@@ -125,6 +125,11 @@ fn combinations_that_would_be_ignored_are_refused() {
             "--metric can only be used with --nodes faces",
         ),
         (&["quality", mesh, "--nodes", "vertices", "--eta", "0.1"], 2, "--eta can only be used with --nodes faces"),
+        (
+            &["quality", mesh, "--gamma-kernel", "gaussian"],
+            2,
+            "--gamma-kernel can only be used with --sampling cholesky, greedy or pooled-greedy",
+        ),
         (&["sequence", mesh, "-o", "x.npy", "--ply-form", "ascii"], 2, "--ply-form requires a .ply output"),
         (&["sequence", mesh, "--compare", "--order", "bfs"], 2, "--order requires an output"),
         (
