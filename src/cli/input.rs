@@ -38,6 +38,9 @@ pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh
 
 /// Opens the file at `path`; decoded arrays go to `folder`. Notes oddities.
 pub fn open_file(path: &Path, folder: &Path, run: &Run) -> Result<mesh::Mesh, Error> {
+    if path.as_os_str() == "-" {
+        return Err(Error::unusable(path, "standard input is not read here", "give a file, or /dev/stdin"));
+    }
     open_noting(run, || mesh::open(path, folder, run))
 }
 

@@ -137,6 +137,8 @@ fn combinations_that_would_be_ignored_are_refused() {
             2,
             "--colour-by can only be used with --colours or --picture",
         ),
+        // It was looked for as a file.
+        (&["correspond", "-", mesh, "-o", "x.npy"], 1, "-: standard input is not read here; give a file"),
         // As segment refuses it; the file that was named was one of the program's own.
         (&too_many, 1, &few),
     ] {
