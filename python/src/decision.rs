@@ -4,10 +4,13 @@ use super::{raised, text};
 use numpy::{PyArray1, PyReadonlyArray1};
 use nystrom_stream::pipeline::decision::KeptDecision;
 use pyo3::prelude::*;
-use pyo3::types::PyType;
+use pyo3::types::{PyBytes, PyType};
+
+/// The level of compression: the fastest. Higher ones take several times as long for a tenth less.
+const LEVEL: u32 = 1;
 
 /// What a cut was decided with, and the part of each cell in it: none for a cut that was taken from the hierarchy. It becomes text
-/// when it is pickled, and not before: that takes a while and megabytes.
+/// when it is pickled, and not before: that takes a while and megabytes, of which compression leaves two fifths.
 #[pyclass(frozen, name = "Decision", module = "nystrom_stream._native")]
 pub struct PyDecision {
     pub kept: KeptDecision,
@@ -17,14 +20,16 @@ pub struct PyDecision {
 #[pymethods]
 impl PyDecision {
     #[new]
-    fn new(text: &str, start: Vec<u32>) -> PyResult<Self> {
-        Ok(Self { kept: KeptDecision::of_text(text).map_err(raised)?, start })
+    fn new(py: Python<'_>, packed: &Bound<'_, PyBytes>, start: Vec<u32>) -> PyResult<Self> {
+        let text = String::from_utf8(py.import("zlib")?.call_method1("decompress", (packed,))?.extract()?)?;
+        Ok(Self { kept: KeptDecision::of_text(&text).map_err(raised)?, start })
     }
 
     /// Pickled by every protocol.
-    fn __reduce__<'py>(this: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyType>, (String, Vec<u32>))> {
+    fn __reduce__<'py>(this: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyType>, (Bound<'py, PyAny>, Vec<u32>))> {
         let Self { kept, start } = this.get();
-        Ok((this.get_type(), (kept.text().map_err(raised)?, start.clone())))
+        let text = PyBytes::new(this.py(), kept.text().map_err(raised)?.as_bytes());
+        Ok((this.get_type(), (this.py().import("zlib")?.call_method1("compress", (text, LEVEL))?, start.clone())))
     }
 
     /// Itself: nothing changes it.

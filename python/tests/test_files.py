@@ -31,6 +31,21 @@ USES = {
 }
 
 
+def test_pickles_are_small_and_exact():
+    # Regression: the decision was text of megabytes, and triangles had a start each.
+    cut = nystrom_stream.segment(*dumbbell(), 3)
+    assert len(pickle.dumps(cut._decision)) < 8_000_000
+    triangles = len(pickle.dumps(cut._mesh)) - cut.vertices.nbytes - cut.triangles.nbytes
+    assert triangles < 1000
+    again = pickle.loads(pickle.dumps(cut))
+    assert again.tree == cut.tree and (again.cut(5).labels == cut.cut(5).labels).all()
+    edits = [{"edit": "split", "at": cut.place(0)}]
+    assert (again.edit(edits).labels == cut.edit(edits).labels).all()
+    mixed = [[0, 1, 2, 3], [1, 4, 2]]
+    square = nystrom_stream.segment([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]], mixed, 2)
+    assert pickle.loads(pickle.dumps(square)).measure() == square.measure()
+
+
 def written(path, n=20, scale=1.0):
     """A binary PLY of a dumbbell at `path`, which is mapped where it lies."""
     vertices, faces = dumbbell(n)

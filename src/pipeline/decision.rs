@@ -219,7 +219,7 @@ pub struct KeptDecision {
     pub decision: PartDecision,
 }
 
-/// A [`KeptDecision`] as JSON.
+/// A [`KeptDecision`] as JSON, with one half of the co-association.
 #[derive(Serialize, Deserialize)]
 struct KeptText<'a> {
     cells: Cow<'a, CellGraph>,
@@ -227,6 +227,29 @@ struct KeptText<'a> {
     area: Cow<'a, [f64]>,
     co_association: Cow<'a, [f64]>,
     tree: Cow<'a, PartTree>,
+}
+
+/// The rows of a symmetric `matrix` up to the diagonal; all values of another.
+fn lower_half(matrix: &Square) -> Cow<'_, [f64]> {
+    let n = matrix.len();
+    if (0..n).any(|i| (0..i).any(|j| matrix[(i, j)] != matrix[(j, i)])) {
+        return Cow::Borrowed(matrix.values());
+    }
+    (0..n).flat_map(|i| &matrix.row(i)[..=i]).copied().collect()
+}
+
+/// All values of the matrix with `n` rows of which `values` are what [`lower_half`] returns.
+fn both_halves(n: usize, values: Cow<'_, [f64]>) -> Vec<f64> {
+    if values.len() != n * (n + 1) / 2 {
+        return values.into_owned();
+    }
+    let (mut matrix, mut values) = (Square::zeros(n), values.iter());
+    for i in 0..n {
+        for (j, &value) in (0..=i).zip(values.by_ref()) {
+            (matrix[(i, j)], matrix[(j, i)]) = (value, value);
+        }
+    }
+    matrix.values().to_vec()
 }
 
 impl KeptDecision {
@@ -245,7 +268,7 @@ impl KeptDecision {
         of(decided)
     }
 
-    /// All of it as JSON: about a megabyte.
+    /// All of it as JSON: one megabyte to twelve.
     ///
     /// # Errors
     /// [`Error::Internal`] for values that JSON cannot represent.
@@ -255,7 +278,7 @@ impl KeptDecision {
             cells: Cow::Borrowed(&self.cells),
             of_cell: Cow::Borrowed(&superfaces.of_cell),
             area: Cow::Borrowed(&superfaces.area),
-            co_association: Cow::Borrowed(co_association.values()),
+            co_association: lower_half(co_association),
             tree: Cow::Borrowed(tree),
         };
         Ok(json::value("the decision", &values)?.to_string())
@@ -271,7 +294,7 @@ impl KeptDecision {
         parsed.tree.check()?;
         let cells = parsed.cells.cleaned()?;
         let (of_cell, area) = (parsed.of_cell.into_owned(), parsed.area.into_owned());
-        let (co_association, tree) = (parsed.co_association.into_owned(), parsed.tree.into_owned());
+        let (co_association, tree) = (both_halves(area.len(), parsed.co_association), parsed.tree.into_owned());
         let decision = assembled(cells.len(), of_cell, area, co_association, tree)
             .ok_or_else(|| wrong("its cells, superfaces and tree contradict each other".into()))?;
         Ok(Self { cells, decision })
@@ -369,6 +392,19 @@ fn numbers(sample: &Sample) -> SegmentStats {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_half_of_a_symmetric_matrix_is_kept() {
+        for n in 0..4 {
+            let symmetric: Vec<f64> = (0..n * n).map(|k| ((k / n) * (k % n)) as f64 / 3.).collect();
+            let distinct: Vec<f64> = (0..n * n).map(|k| k as f64).collect();
+            for values in [symmetric, distinct] {
+                let matrix = Square::from_values(n, values);
+                assert_eq!(both_halves(n, lower_half(&matrix)), matrix.values());
+            }
+        }
+        assert_eq!(lower_half(&Square::zeros(9)).len(), 45);
+    }
 
     #[test]
     fn a_matrix_that_is_not_there_is_not_made_room_for() {

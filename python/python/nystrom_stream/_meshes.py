@@ -302,12 +302,16 @@ def run_options(threads: Optional[int], max_memory: Union[int, str, None], tmp: 
 
 
 def _pickled(mesh: _native.Mesh) -> tuple[Any, ...]:
-    return _unpickled, (mesh.vertices(), *mesh.polygons(), mesh.file)
+    starts, corners = mesh.polygons()
+    counts = np.diff(starts)
+    alike = len(counts) > 0 and (counts == counts[0]).all()
+    return _unpickled, (mesh.vertices(), None if alike else starts, corners.reshape(len(counts), -1) if alike else corners, mesh.file)
 
 
-def _unpickled(vertices: NDArray[Any], starts: NDArray[np.uint64], corners: NDArray[np.uint32],
+def _unpickled(vertices: NDArray[Any], starts: Optional[NDArray[np.uint64]], corners: NDArray[np.uint32],
                file: Optional[tuple[Any, ...]]) -> _native.Mesh:
-    """The file's mesh where that is as it was, since a work directory knows a mesh by its file; else the same of arrays."""
+    """The file's mesh where that is as it was, since a work directory knows a mesh by its file; else the same of arrays: of faces with
+    as many corners each, or of those between `starts`."""
     if file is not None:
         try:
             mesh = _native.Mesh.open(file[0], *DEFAULT)
@@ -315,9 +319,8 @@ def _unpickled(vertices: NDArray[Any], starts: NDArray[np.uint64], corners: NDAr
                 return mesh
         except (OSError, ValueError):
             pass
-    counts = np.diff(starts)
-    if len(counts) and (counts == counts[0]).all():
-        return _native.Mesh.from_arrays(vertices, corners.reshape(len(counts), -1))
+    if starts is None:
+        return _native.Mesh.from_arrays(vertices, corners)
     return _native.Mesh.from_polygons(vertices.astype(np.float64), starts, corners)
 
 
