@@ -260,6 +260,29 @@ def test_what_makes_no_sense_names_its_option(mesh, cut, tmp_path):
     assert typing.get_type_hints(nystrom_stream.segment)["force"] is bool
 
 
+def test_labels_may_be_any_numbers(mesh, cut, tmp_path):
+    # Regression: there was a colour for each number up to the greatest label, 12 GB here.
+    size = (320, 240)
+    numbers = np.array([4_000_000_000, 7, 3_000_000_000])[cut.labels]
+    image = nystrom_stream.picture(mesh, numbers, size=size)
+    ranks = np.array([2, 0, 1])[cut.labels]
+    names = ["7", "3000000000", "4000000000"]
+    assert (image == nystrom_stream.picture(mesh, ranks, names=names, size=size)).all()
+    named = nystrom_stream.picture(mesh, numbers, names={7: "bar"}, size=size)
+    assert (named == nystrom_stream.picture(mesh, ranks, names=["bar", *names[1:]], size=size)).all()
+    some = np.where(cut.labels == 1, -1, numbers.astype(np.int64))
+    assert nystrom_stream.picture(mesh, some, size=size).shape == (240, 320, 4)
+    carried = nystrom_stream.transfer_labels(mesh, mesh, numbers)
+    assert (carried.labels == numbers).all() and (carried.picture(size=size) == image).all()
+    carried.save(tmp_path / "carried.npy")
+    assert (np.load(tmp_path / "carried.npy") == numbers).all()
+    for call in (lambda: carried.colours, carried.to_trimesh, lambda: carried.save(tmp_path / "carried.ply")):
+        with pytest.raises(ValueError, match="labels: 4000000000 .* number the parts from 0"):
+            call()
+    # Numbers of parts with gaps are coloured as the program colours them.
+    assert len(nystrom_stream.transfer_labels(mesh, mesh, 1000 * cut.labels).colours) == 2001
+
+
 def test_parts_that_are_not_there_are_named(cut):
     # Regression: "range object index out of range".
     for call in (cut.place, cut.__getitem__):

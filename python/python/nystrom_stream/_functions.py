@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._edits import Edits, Names, as_edits, as_hints, as_names, read_names, started_from
-from ._meshes import (DEFAULT, MOST, MeshLike, Path, Progress, as_colours, as_labels, as_mesh, as_path, flag, pair, real, run_options,
-                      whole)
+from ._meshes import (DEFAULT, MOST, MeshLike, Path, Progress, as_colours, as_labels, as_mesh, as_path, flag, number_parts, pair,
+                      real, run_options, whole)
 from ._results import Correspondence, Segmentation, Sequence, Transfer, cut_mesh
 
 Bytes = Union[int, str, None]
@@ -278,6 +278,15 @@ def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:
     return scores
 
 
+def _numbered(labels: NDArray[np.uint32], names: Optional[Names]) -> tuple[NDArray[np.uint32], list[str]]:
+    """Labels that name parts by any numbers as numbers of parts from 0, with what to call each."""
+    known = np.unique(labels[labels != MOST])
+    told = {} if names is None else read_names(names)
+    told = told if isinstance(told, dict) else dict(enumerate(told))
+    numbers = np.where(labels == MOST, np.uint32(MOST), np.searchsorted(known, labels).astype(np.uint32))
+    return numbers, [told.get(label) or str(label) for label in known.tolist()]
+
+
 def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Optional[ArrayLike] = None, names: Optional[Names] = None,
             size: tuple[int, int] = (1600, 1200), views: int = 1, transparent: bool = False, legend: bool = True, lines: bool = True,
             up: Optional[Axis] = None, turn: float = 0.0, tilt: float = 0.0) -> NDArray[np.uint8]:
@@ -288,12 +297,14 @@ def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Opti
     default those of the Segmentation. up: "x", "-y" and so on; by default automatic.
     turn, tilt: additional rotation and elevation in degrees, relative to the automatic view.
     """
-    if labels is None and hasattr(mesh, "labels"):
-        labels, colours = mesh.labels, mesh.colours if colours is None and hasattr(mesh, "colours") else colours
-        names = mesh.names if names is None and hasattr(mesh, "names") else names
+    if labels is None and isinstance(mesh, (Segmentation, Transfer)):
+        labels, colours = mesh.labels, mesh._colours if colours is None else colours
+        names = mesh.names if names is None else names
     mesh = as_mesh(mesh)
     if labels is not None:
         labels = as_labels(labels, mesh.faces, partial=True)
+        if colours is None and not number_parts(labels):
+            labels, names = _numbered(labels, names)
         if colours is None:
             colours = _native.part_colours(mesh, labels)
     parts = 0 if labels is None else int((labels[labels != MOST] + 1).max(initial=0))

@@ -25,6 +25,8 @@ DEFAULT: Run = (None, None, None, None)
 
 # The greatest number of a vertex or a part; of a label it says that a face has none.
 MOST = 2**32 - 1
+# Up to here labels are numbers of parts, whatever the mesh: there is a colour for each up to the greatest.
+MANY = 2**20
 
 
 def whole(name: str, value: Any, least: int = 0, most: int = 2**63 - 1) -> int:
@@ -259,6 +261,11 @@ def as_labels(labels: Any, faces: int, name: str = "labels", partial: bool = Fal
     if len(labels) and labels.max() > MOST:
         raise ValueError(f"{name}: {labels.max()} exceeds 32 bits; number parts from 0")
     return packed(labels, np.uint32)
+
+
+def number_parts(labels: NDArray[Any]) -> bool:
+    """Whether labels are numbers of parts: greater ones than there are faces name parts in another way."""
+    return int(labels.max(initial=0, where=labels != MOST)) < max(MANY, len(labels))
 
 
 def as_colours(colours: Any, parts: int) -> NDArray[np.uint8]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._edits import Edits, Names, as_edits, as_names, started, started_from, text_of
-from ._meshes import Path, Progress, as_colours, as_labels, as_path, flag, packed, part_number, whole
+from ._meshes import Path, Progress, as_colours, as_labels, as_path, flag, number_parts, packed, part_number, whole
 
 if TYPE_CHECKING:
     import pyvista
@@ -58,6 +58,9 @@ class _Labelled(_OfMesh):
     @property
     def colours(self) -> NDArray[np.uint8]:
         if self._colours is None:
+            if not number_parts(self.labels):
+                remedy = "number the parts from 0, as numpy.unique(labels, return_inverse=True)[1] does"
+                raise ValueError(f"labels: {self.labels.max()} is too great for a colour by label; {remedy}")
             self._colours = _native.part_colours(self._mesh, self.labels)
         return self._colours
 
@@ -84,7 +87,10 @@ class _Labelled(_OfMesh):
             path = os.path.join(path, "")
         labels, names = as_labels(self.labels, self._mesh.faces), self._names if any(self._names) else []
         quality = None if self.quality is None else packed(self.quality, np.float32)
-        _native.save(self._mesh, labels, as_colours(self.colours, 0), quality, names, as_path("path", path), json.dumps(self.report),
+        # Labels alone may be any numbers.
+        bare = self._colours is None and as_path("path", path).lower().endswith((".npy", ".seg"))
+        colours = np.zeros((0, 3), np.uint8) if bare else as_colours(self.colours, 0)
+        _native.save(self._mesh, labels, colours, quality, names, as_path("path", path), json.dumps(self.report),
                      self._cells, self._decision, edits, choices)
 
     def picture(self, **options: Any) -> NDArray[np.uint8]:
