@@ -31,7 +31,7 @@ pub fn save_matches(
 
 /// Finds for every vertex of mesh A its match in mesh B.
 #[pyfunction]
-#[pyo3(signature = (a, b, matching, refine, partial, transfer, alternative, vectors, landmarks, seed, threads, max_memory, tmp, progress))]
+#[pyo3(signature = (a, b, matching, refine, partial, transfer, alternative, vectors, sigma, landmarks, sampling, distance, work_dir, force, seed, threads, max_memory, tmp, progress))]
 pub fn correspond<'py>(
     py: Python<'py>,
     a: &PyMesh,
@@ -42,7 +42,12 @@ pub fn correspond<'py>(
     transfer: bool,
     alternative: usize,
     vectors: Option<usize>,
+    sigma: f64,
     landmarks: Option<usize>,
+    sampling: &str,
+    distance: &str,
+    work_dir: Option<PathBuf>,
+    force: bool,
     seed: u64,
     threads: Option<usize>,
     max_memory: Option<u64>,
@@ -50,10 +55,14 @@ pub fn correspond<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Found<'py>> {
     let matcher = Matcher::new().matching(named("matching", matching)?).refine(named("refine", refine)?);
-    let matcher = matcher.partial(partial).transfer(transfer).alternative(alternative);
+    let matcher = matcher.sampling(named("sampling", sampling)?).distance(named("distance", distance)?).width(sigma);
+    let matcher = matcher.partial(partial).transfer(transfer).alternative(alternative).force(force);
     let matcher = vectors.into_iter().fold(matcher, Matcher::dimensions);
     let matcher = landmarks.into_iter().fold(matcher, Matcher::landmarks);
-    let (a, b) = (a.current()?, b.current()?);
+    // A work directory knows a mesh by its file.
+    let (a, b) =
+        if work_dir.is_some() { (a.with_its_file()?, b.with_its_file()?) } else { (a.current()?, b.current()?) };
+    let matcher = work_dir.into_iter().fold(matcher, |matcher, folder| matcher.work_dir(folder));
     let found = watched(py, progress, |listener, cancel| {
         with_options!(matcher, seed, threads, max_memory, tmp, listener, cancel).run(a, b)
     })?;

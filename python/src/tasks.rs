@@ -14,8 +14,10 @@ use nystrom_stream::apps::measure;
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::apps::picture::{PictureParams, render_named};
 use nystrom_stream::apps::sequence::SequenceOrder;
+use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::cuts;
+use nystrom_stream::spectral::Kernel;
 use nystrom_stream::store::{Context, WorkDir};
 use nystrom_stream::{LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
 use pyo3::exceptions::PyValueError;
@@ -26,6 +28,11 @@ use std::path::PathBuf;
 /// A word as the library's enums are written: "geodesic-farthest".
 pub fn named<T: DeserializeOwned>(name: &str, word: &str) -> PyResult<T> {
     serde_json::from_value(word.into()).map_err(|error| PyValueError::new_err(format!("{name}: {error}")))
+}
+
+/// A value of the library from JSON.
+fn parsed<T: DeserializeOwned>(name: &str, json: &str) -> PyResult<T> {
+    serde_json::from_str(json).map_err(|error| PyValueError::new_err(format!("{name}: {error}")))
 }
 
 fn colours(array: &PyReadonlyArray2<'_, u8>) -> PyResult<Vec<[u8; 3]>> {
@@ -238,15 +245,19 @@ pub fn sequence<'py>(
     Ok((PyArray1::from_slice(py, found.places()), PyArray1::from_slice(py, found.vertex_numbers()), measures))
 }
 
-/// How well samples of landmarks represent the mesh: one record per sample, as JSON.
+/// How well samples of landmarks represent the mesh: one record per sample, as JSON. `kernel` and `metric` are JSON as parameters of a
+/// cut have them.
 #[pyfunction]
-#[pyo3(signature = (mesh, landmarks, samplings, seeds, seed, threads, max_memory, tmp, progress))]
+#[pyo3(signature = (mesh, landmarks, samplings, seeds, kernel, sigma, metric, seed, threads, max_memory, tmp, progress))]
 pub fn quality(
     py: Python<'_>,
     mesh: &PyMesh,
     landmarks: Vec<usize>,
     samplings: Vec<String>,
     seeds: u64,
+    kernel: &str,
+    sigma: f64,
+    metric: &str,
     seed: u64,
     threads: Option<usize>,
     max_memory: Option<u64>,
@@ -254,7 +265,10 @@ pub fn quality(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
     let samplings = samplings.iter().map(|name| named::<Sampling>("samplings", name)).collect::<PyResult<Vec<_>>>()?;
+    let (kernel, metric): (Kernel, Metric) = (parsed("kernel", kernel)?, parsed("metric", metric)?);
+    metric.check().map_err(raised)?;
     let quality = SamplingQuality::new().landmarks(landmarks).samplings(samplings).seeds(seeds);
+    let quality = quality.kernel(kernel, sigma).metric(metric);
     let mesh = mesh.current()?;
     let found = watched(py, progress, |listener, cancel| {
         with_options!(quality, seed, threads, max_memory, tmp, listener, cancel).run(mesh)

@@ -295,6 +295,32 @@ def test_a_mesh_is_matched_with_itself_moved(mesh):
         nystrom_stream.correspond(bent, faces, bent, faces, detail=0.5)
 
 
+def test_matching_and_quality_have_the_options_of_the_program(mesh, tmp_path):
+    # Regression: neither a sampling, a distance, a width nor a work directory could be given, and no kernel or metric to quality.
+    vertices, faces = dumbbell(20)
+    bent = vertices * np.where(vertices[:, :1] > 0, 1.0, 0.6)
+    pair = (bent, faces), (bent @ np.diag([1.0, -1.0, 1.0]), faces)
+    work = {"work_dir": tmp_path / "work", "landmarks": 12}
+    options = {"sampling": "random", "distance": "edges", "refine": "none"}
+    first = nystrom_stream.correspond(*pair, **work, **options, sigma=0.5)
+    assert options.items() <= first.report["options"].items() and first.report["options"]["embedding"]["width"] == 0.5
+    again = nystrom_stream.correspond(*pair, **work, **options, sigma=0.5)
+    assert (again.matches == first.matches).all() and set(again.report["seconds"]) < set(first.report["seconds"])
+    with pytest.raises(ValueError, match="force=True"):
+        nystrom_stream.correspond(pair[0], mesh, **work)
+    nystrom_stream.correspond(pair[0], mesh, **work, force=True)
+    for option, value in [("sampling", "some"), ("distance", "air"), ("sigma", 0.0)]:
+        with pytest.raises(ValueError, match=option):
+            nystrom_stream.correspond(*pair, **{option: value})
+    known = nystrom_stream.quality(vertices, faces, landmarks=8)
+    assert known == nystrom_stream.quality(vertices, faces, landmarks=8, kernel="exponential", sigma=1, metric="scale-free", beta=5)
+    for changed in [{"kernel": "polynomial"}, {"sigma": 0.5}, {"metric": "paper", "delta": 0.1}, {"beta": 1.0}]:
+        assert nystrom_stream.quality(vertices, faces, landmarks=8, **changed)[0]["gamma"] != known[0]["gamma"], changed
+    for option, value in [("kernel", "cubic"), ("sigma", -1.0), ("metric", "air"), ("delta", 0.1)]:
+        with pytest.raises(ValueError, match=option):
+            nystrom_stream.quality(vertices, faces, **{option: value})
+
+
 def test_anything_that_is_a_mesh_is_taken(mesh):
     vertices, faces = mesh
     expected = nystrom_stream.segment(vertices, faces, 3).labels

@@ -16,10 +16,11 @@ better = cut.edit([{"edit": "merge", "at": [cut.place(0), cut.place(1)]}]).edit(
 print(ns.evaluate(cut, [better.labels])["rand"], ns.measure(cut)["area"], cut.measure()[0]["area"], cut.tree)
 vertices, faces = ns.read_mesh("mesh.ply")
 found = ns.correspond(vertices, faces, vertices, faces, matching="mutual", refine="laplacian", partial=True)
+ns.correspond(cut, cut, sampling="random", distance="edges", sigma=0.5, work_dir="work")
 carried = ns.transfer_labels(cut, (vertices, faces))
 image = ns.picture(cut, size=(320, 200), up="-y")
 order = ns.sequence(vertices, faces, order="hilbert").order
-for record in ns.quality(cut, landmarks=[5, 10], samplings=["random", "farthest"]):
+for record in ns.quality(cut, landmarks=[5, 10], samplings=["random", "farthest"], kernel="cauchy", metric="paper", delta=0.1):
     print(record["gamma"], found.matches[0], carried.labels, image.shape, order, ns.__version__)
 cut.to_trimesh(), cut.to_pyvista(), cut.picture(views=2), carried.names, carried.colours
 carried.save("carried.glb")

@@ -71,6 +71,13 @@ impl Matcher {
         self
     }
 
+    /// The width of the kernel, in mean distances; 1 by default.
+    #[must_use]
+    pub fn width(mut self, width: f64) -> Self {
+        self.params.embedding.width = width;
+        self
+    }
+
     /// Which matches are kept.
     #[must_use]
     pub fn matching(mut self, matching: Matching) -> Self {

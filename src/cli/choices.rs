@@ -273,7 +273,7 @@ mod tests {
     #[test]
     fn the_command_line_and_python_know_every_variant_by_its_word_in_files() {
         check::<Sampling>(None, Some("Sampling"), &[]);
-        check::<Refine>(None, None, &[]);
+        check::<Refine>(None, Some("Refine"), &[]);
         check::<Kernel>(Some("kernel"), Some("Kernel"), &[]);
         check::<Normalisation>(None, Some("Normalise"), &[]);
         check::<Order>(None, Some("Order"), &[]);
@@ -283,7 +283,7 @@ mod tests {
         check::<Walls>(None, Some("Walls"), &[]);
         check::<Boundaries>(None, Some("Boundaries"), &[]);
         check::<Metric>(Some("form"), Some("Metric"), &[]);
-        check::<Distance>(None, None, &[]);
+        check::<Distance>(None, Some("Distance"), &[]);
         check::<SequenceOrder>(None, Some("StreamOrder"), &[]);
     }
 }

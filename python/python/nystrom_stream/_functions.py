@@ -29,6 +29,7 @@ Metric = Literal["scale-free", "paper", "geodesic"]
 Order = Literal["auto", "keep", "hilbert"]
 Kernel = Literal["gaussian", "exponential", "polynomial", "inverse-multiquadric", "matern", "cauchy"]
 Normalise = Literal["none", "degree", "anchor"]
+Distance = Literal["edges", "march"]
 Matching = Literal["all", "mutual", "one-to-one"]
 Refine = Literal["nystrom", "laplacian", "none"]
 StreamOrder = Literal["spectral", "pca", "bfs", "rcm", "hilbert", "random", "keep"]
@@ -54,6 +55,10 @@ def _metric(metric: str, beta: Optional[float], eta: Optional[float], delta: Opt
         if value is not None:
             constants[name] = real(name, value)
     return {"form": metric, **constants}
+
+
+def _kernel(kernel: str) -> dict[str, Any]:
+    return {"kernel": _choose("kernel", kernel, Kernel), **({"degree": 3} if kernel == "polynomial" else {})}
 
 
 def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail: float, cluster: str, decision: Optional[str],
@@ -97,7 +102,7 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
     if wanted:
         embedding = params["embedding"] = json.loads(_native.default_embedding(10 if parts is None else parts))
         if kernel is not None:
-            embedding["kernel"] = {"kernel": kernel, **({"degree": 3} if kernel == "polynomial" else {})}
+            embedding["kernel"] = _kernel(kernel)
         if normalise not in (None, "anchor"):
             embedding.update(normalisation=normalise, width={"rule": "mean", "value": 1.0})
         if sigma is not None:
@@ -209,9 +214,10 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
 
 
 def correspond(a: MeshLike, *others: Any, matching: Matching = "all", refine: Refine = "nystrom", partial: bool = False,
-               transfer: bool = False, alternative: int = 0, vectors: Optional[int] = None, landmarks: Optional[int] = None,
-               seed: int = 0, threads: Optional[int] = None, max_memory: Bytes = None, tmp: Optional[Path] = None,
-               progress: Progress = None) -> Correspondence:
+               transfer: bool = False, alternative: int = 0, vectors: Optional[int] = None, sigma: float = 1.0,
+               landmarks: Optional[int] = None, sampling: Sampling = "farthest", distance: Distance = "march", seed: int = 0,
+               threads: Optional[int] = None, max_memory: Bytes = None, work_dir: Optional[Path] = None, force: bool = False,
+               tmp: Optional[Path] = None, progress: Progress = None) -> Correspondence:
     """Finds for every vertex of mesh A its match in mesh B, by their spectral embeddings: `correspond(a, b)` of two meshes as
     `segment` takes them, or `correspond(vertices_a, faces_a, vertices_b, faces_b)`. Returns a Correspondence.
 
@@ -221,13 +227,18 @@ def correspond(a: MeshLike, *others: Any, matching: Matching = "all", refine: Re
     partial: one mesh is a part of the other, at the same scale; vertices without a counterpart stay unmatched.
     transfer: copy the landmarks of A to B by the first matches, and match again.
     alternative: which of the alignments that the report lists to use, if the shape is symmetric.
-    vectors: number of leading eigenvectors, 2 to 8.
-    landmarks: number of sampled vertices on each mesh; by default 50, for more than 300,000 vertices 20.
+    vectors: number of leading eigenvectors, 2 to 8; by default 8. sigma: width of the kernel, in mean distances.
+    landmarks: number of sampled vertices on each mesh; by default 50, for more than 300,000 vertices 20. sampling: as of `segment`.
+    distance: how distances between vertices are measured: "march" (through triangles) or "edges" (along edges).
+    work_dir: a folder in which graphs and rows of both meshes are kept and reused; one of other meshes is refused unless `force` is
+        True, which empties it.
+    seed, threads, max_memory, tmp, progress: as of `segment`.
     """
     run = run_options(threads, max_memory, tmp, progress)
     choices = (_choose("matching", matching, Matching), _choose("refine", refine, Refine), flag("partial", partial),
-               flag("transfer", transfer), whole("alternative", alternative), _optional("vectors", vectors),
-               _optional("landmarks", landmarks), _seed(seed))
+               flag("transfer", transfer), whole("alternative", alternative), _optional("vectors", vectors), real("sigma", sigma),
+               _optional("landmarks", landmarks), _choose("sampling", sampling, Sampling), _choose("distance", distance, Distance),
+               None if work_dir is None else as_path("work_dir", work_dir), flag("force", force), _seed(seed))
     if len(others) == 3:
         a, b = as_mesh(a, others[0], run), as_mesh(others[1], others[2], run)
     elif len(others) == 1:
@@ -332,11 +343,20 @@ def sequence(mesh: MeshLike, faces: Any = None, *, order: StreamOrder = "spectra
 
 
 def quality(mesh: MeshLike, faces: Any = None, *, landmarks: Union[int, Iterable[int]] = (10,),
-            samplings: Union[Sampling, Iterable[Sampling]] = ("farthest",), seeds: int = 1, seed: int = 0,
-            threads: Optional[int] = None, max_memory: Bytes = None, tmp: Optional[Path] = None,
-            progress: Progress = None) -> list[dict[str, Any]]:
+            samplings: Union[Sampling, Iterable[Sampling]] = ("farthest",), seeds: int = 1, kernel: Kernel = "exponential",
+            sigma: float = 1.0, metric: Metric = "scale-free", beta: Optional[float] = None, eta: Optional[float] = None,
+            delta: Optional[float] = None, seed: int = 0, threads: Optional[int] = None, max_memory: Bytes = None,
+            tmp: Optional[Path] = None, progress: Progress = None) -> list[dict[str, Any]]:
     """Measures how well samples of landmarks represent a mesh (Γ, eq. 6 of the paper, and held-out columns): a list of dicts, one
-    per number of landmarks, sampling and seed."""
+    per number of landmarks, sampling and seed.
+
+    landmarks: one number or several. samplings: one or several, as of `segment`. seeds: how many, counted from `seed`.
+    kernel: from distance to affinity; sigma: its width, in mean distances.
+    metric, beta, eta, delta: the weights of the graph, as of `segment`.
+
+    Each dict has mesh, sampling, l, seed, nodes; gamma (and gamma_per_node, from 0 to 1: the more, the better), gamma_star; held_out, the
+    error of the affinities of faces that are no landmarks, from 0; sigma, in the units of the distances.
+    """
     several: Any = landmarks
     try:
         several = list(several)
@@ -348,7 +368,8 @@ def quality(mesh: MeshLike, faces: Any = None, *, landmarks: Union[int, Iterable
     chosen = [_choose("samplings", word, Sampling) for word in ([samplings] if isinstance(samplings, str) else samplings)]
     if not chosen:
         raise ValueError("samplings: none is given; give at least one")
-    choices = counts, chosen, whole("seeds", seeds, 1), _seed(seed)
+    weights = json.dumps(_metric(metric, beta, eta, delta))
+    choices = counts, chosen, whole("seeds", seeds, 1), json.dumps(_kernel(kernel)), real("sigma", sigma), weights, _seed(seed)
     run = run_options(threads, max_memory, tmp, progress)
     records: list[dict[str, Any]] = json.loads(_native.quality(as_mesh(mesh, faces, run), *choices, *run))
     return records

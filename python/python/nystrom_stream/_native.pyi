@@ -76,7 +76,8 @@ def segment(
 ) -> tuple[_Labels, NDArray[np.float32], NDArray[np.uint8], Optional[_Labels], Optional[Decision], list[str], str]: ...
 def correspond(
     a: Mesh, b: Mesh, matching: str, refine: str, partial: bool, transfer: bool, alternative: int, vectors: Optional[int],
-    landmarks: Optional[int], seed: int, threads: Optional[int], max_memory: Optional[int], tmp: Optional[_Path], progress: _Progress,
+    sigma: float, landmarks: Optional[int], sampling: str, distance: str, work_dir: Optional[_Path], force: bool, seed: int,
+    threads: Optional[int], max_memory: Optional[int], tmp: Optional[_Path], progress: _Progress,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32], str]: ...
 def save_matches(
     matches: NDArray[np.int64], distances: NDArray[np.float32], confidence: NDArray[np.float32], path: _Path
@@ -104,6 +105,6 @@ def sequence(
     tmp: Optional[_Path], progress: _Progress,
 ) -> tuple[_Labels, _Labels, str]: ...
 def quality(
-    mesh: Mesh, landmarks: Sequence[int], samplings: Sequence[str], seeds: int, seed: int, threads: Optional[int],
-    max_memory: Optional[int], tmp: Optional[_Path], progress: _Progress,
+    mesh: Mesh, landmarks: Sequence[int], samplings: Sequence[str], seeds: int, kernel: str, sigma: float, metric: str, seed: int,
+    threads: Optional[int], max_memory: Optional[int], tmp: Optional[_Path], progress: _Progress,
 ) -> str: ...
