@@ -18,7 +18,7 @@ use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::spectral::Kernel;
-use nystrom_stream::store::{Context, WorkDir};
+use nystrom_stream::store::{Context, WorkDir, json};
 use nystrom_stream::{LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -104,6 +104,15 @@ pub fn save(
     let report: serde_json::Value =
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
     let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &names };
+    if options == SaveOptions::default() && form == Some(Form::Csv) {
+        return run(py, |run| {
+            let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
+            let measures = measure::labelled(mesh, &labels, Context::new(&work, run))?;
+            let parts = report["parts"].as_array().map_or(&[][..], |parts| parts);
+            let agreement: Vec<f64> = parts.iter().filter_map(|part| part["expected_agreement"].as_f64()).collect();
+            json::publish(&path, measure::table(&measures, &colours, &names, &agreement).as_bytes())
+        });
+    }
     if options != SaveOptions::default() || form != Some(Form::Html) {
         return run(py, |run| mesh.save_under(path, labelling, &options, run));
     }

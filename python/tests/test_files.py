@@ -1,6 +1,7 @@
 """Results of files: what becomes of them when the file changes, copies and pickles, and where files are decoded."""
 
 import copy
+import csv
 import os
 import pickle
 import subprocess
@@ -44,6 +45,24 @@ def test_pickles_are_small_and_exact():
     mixed = [[0, 1, 2, 3], [1, 4, 2]]
     square = nystrom_stream.segment([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]], mixed, 2)
     assert pickle.loads(pickle.dumps(square)).measure() == square.measure()
+
+
+def test_parts_are_a_table(tmp_path):
+    # Regression: measures did not say of which part they are, and no table of the parts was written.
+    cut = nystrom_stream.segment(*dumbbell(), 3, names={1: "bar"})
+    measures = cut.measure()
+    assert [part["label"] for part in measures] == [0, 1, 2]
+    assert [part.get("name") for part in measures] == [None, "bar", None]
+    cut.save(tmp_path / "parts.csv")
+    with open(tmp_path / "parts.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["area"]) for row in rows] == [part["area"] for part in measures]
+    assert [row["name"] for row in rows] == ["", "bar", ""]
+    expected = [part["expected_agreement"] for part in cut.report["parts"]]
+    assert [float(row["expected_agreement"]) for row in rows] == [round(share, 3) for share in expected]
+    assert rows[0]["colour"] == "#%02x%02x%02x" % tuple(cut.colours[0])
+    with pytest.raises(ValueError, match="another format"):
+        cut.save(tmp_path / "parts.csv", cap=True)
 
 
 def written(path, n=20, scale=1.0):

@@ -42,11 +42,12 @@ def test_parts_found_and_given(mesh):
     found = len(cut.report["parts"])
     assert set(np.unique(cut.labels)) == set(range(found)) and cut.colours.shape == (found, 3)
     assert cut.tree is not None and "unions" in cut.tree
+    assert cut.cells.shape == cut.labels.shape and cut.cells.dtype == np.uint32
     assert f"{found} parts" in repr(cut)
     for parts in (2, 3, 5):
         assert len(np.unique(nystrom_stream.segment(vertices, faces, parts).labels)) == parts
     means = nystrom_stream.segment(vertices, faces, 3, cluster="kmeans", landmarks=12)
-    assert len(np.unique(means.labels)) == 3 and means.tree is None
+    assert len(np.unique(means.labels)) == 3 and means.tree is None and means.cells is None
 
 
 def test_connected_components(mesh):

@@ -70,8 +70,9 @@ class _Labelled(_OfMesh):
 
     def save(self, path: Path, *, vertex_labels: bool = False, split_vertices: bool = False, split_faces: bool = False, cap: bool = False,
              part_form: str = "ply") -> None:
-        """Writes the labelled mesh in the format of the extension: .ply, .seg, .npy, .obj, .glb, .parquet, .png, .html, or one file
-        per part in a folder where `path` ends with a slash, is a folder, or is a pathlib.Path without extension.
+        """Writes the labelled mesh in the format of the extension: .ply, .seg, .npy, .obj, .glb, .parquet, .csv, .png, .html, or one file
+        per part in a folder where `path` ends with a slash, is a folder, or is a pathlib.Path without extension. A .csv has one row per
+        part, with what `Segmentation.measure` returns; .seg and .npy have the labels alone.
 
         For .ply: `vertex_labels` labels and colours vertices too, `split_vertices` gives each part its own vertices, `split_faces` splits
         triangles where smooth boundaries cross them (not with the other two). For a folder: `cap` closes the parts where they were cut
@@ -222,9 +223,15 @@ class Segmentation(_Labelled):
 
     @property
     def tree(self) -> Optional[dict[str, Any]]:
-        """The hierarchy of parts over some two thousand cells, as a dict; None unless cluster="parts"."""
+        """The hierarchy of parts over some two thousand `cells`, as a dict: `unions` of cells, finest first, and the `level` of each; None
+        unless cluster="parts"."""
         tree: Optional[dict[str, Any]] = None if self._decision is None else json.loads(self._decision.tree())
         return tree
+
+    @property
+    def cells(self) -> Optional[NDArray[np.uint32]]:
+        """The cell of each face, over which `tree` is: (faces,) uint32; None unless cluster="parts"."""
+        return None if self._cells is None else self._cells.copy()
 
     def recut(self, parts: int) -> NDArray[np.uint32]:
         """Labels of the same mesh in exactly `parts` parts, from the hierarchy: (faces,). Takes milliseconds; boundaries follow
@@ -250,11 +257,19 @@ class Segmentation(_Labelled):
         return Segmentation(self._mesh, arrays, report, options)
 
     def measure(self) -> list[dict[str, Any]]:
-        """Measures each part: a list of dicts with area, volume (of closed parts), box, centroid, axes, spread, open_edges and
-        neighbours with the length of the common border."""
+        """Measures each part, in the units of the mesh: a list with one dict per part.
+
+        label, and name if there is one. faces: their number. area. volume: None unless the part is closed. box: the lowest and the
+        highest corner. centroid: (x, y, z), by area. axes: three principal axes (x, y, z), the longest first, and spread: the standard
+        deviation of the area along each. open_edges: edges of the part at holes of the mesh. neighbours: for each part that it touches
+        its label and the length of the common border.
+
+        `pandas.DataFrame(cut.measure())` is a table of the parts; `save("parts.csv")` writes one with a column per coordinate.
+        """
         labels = as_labels(self.labels, self._mesh.faces)
         measures: list[dict[str, Any]] = json.loads(_native.measure_parts(self._mesh, labels, self.n_parts))
-        return measures
+        names = [{"name": name} if name else {} for name in [*self._names, *[""] * len(measures)]]
+        return [{"label": part, **name, **measured} for part, (name, measured) in enumerate(zip(names, measures))]
 
     def __len__(self) -> int:
         return self.n_parts
