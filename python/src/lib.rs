@@ -198,6 +198,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(default_embedding, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::correspond, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::save_matches, module)?)?;
+    module.add_function(wrap_pyfunction!(tasks::read_labels, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::read_names, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::part_colours, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::save, module)?)?;

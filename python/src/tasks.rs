@@ -10,7 +10,9 @@ use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::evaluate::Evaluator;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::split::PartForm;
+use nystrom_stream::apps::labelled_faces::LabelledFaces;
 use nystrom_stream::apps::measure;
+use nystrom_stream::apps::open_labels;
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::apps::picture::{PictureParams, render_named};
 use nystrom_stream::apps::sequence::SequenceOrder;
@@ -18,8 +20,8 @@ use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::spectral::Kernel;
-use nystrom_stream::store::{Context, WorkDir, json};
-use nystrom_stream::{LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
+use nystrom_stream::store::{Context, WorkDir, json, private_folder};
+use nystrom_stream::{Error, LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde::de::DeserializeOwned;
@@ -55,6 +57,25 @@ pub fn part_colours<'py>(
     let mesh = mesh.current()?;
     let found = run(py, |run| colours_for(mesh, &labels, run))?;
     found.as_flattened().to_pyarray(py).reshape([found.len(), 3])
+}
+
+/// Labels of faces from a `.seg` or `.npy` file, or of the faces of a mesh file with a property `label`: (faces,); 2³² − 1 says that a
+/// face has none.
+#[pyfunction]
+pub fn read_labels(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u32>>> {
+    let found = run(py, |run| {
+        let scratch = private_folder(&std::env::temp_dir())?;
+        let work = WorkDir::temporary(scratch.path())?;
+        if matches!(Form::of(&path), Some(Form::Seg | Form::Npy)) {
+            return Ok(open_labels(&path, &work)?.to_vec());
+        }
+        let mesh = nystrom_stream::mesh::open(&path, scratch.path(), run)?;
+        let found = LabelledFaces::of_mesh(&mesh, Context::new(&work, run))?;
+        let missing =
+            || Error::unusable(&path, "has no labels", "give a .seg, a .npy, or a mesh that was written with labels");
+        Ok(found.ok_or_else(missing)?.labels.to_vec())
+    })?;
+    Ok(PyArray1::from_vec(py, found))
 }
 
 /// Names of parts from a table.

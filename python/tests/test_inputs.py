@@ -238,7 +238,7 @@ def test_what_makes_no_sense_names_its_option(mesh, cut, tmp_path):
         "size": lambda: nystrom_stream.picture(cut, size=5),
         "names": lambda: nystrom_stream.segment(vertices, faces, names=5),
         "truths": lambda: nystrom_stream.evaluate(cut, None),
-        "truths:": lambda: nystrom_stream.evaluate(cut, "10_0.seg"),
+        "truths: 5": lambda: nystrom_stream.evaluate(cut, 5),
         "samplings": lambda: nystrom_stream.quality(vertices, faces, samplings=None),
         "force": lambda: nystrom_stream.segment(vertices, faces, force="no"),
         "exact": lambda: nystrom_stream.segment(vertices, faces, exact="no"),
@@ -281,6 +281,26 @@ def test_labels_may_be_any_numbers(mesh, cut, tmp_path):
             call()
     # Numbers of parts with gaps are coloured as the program colours them.
     assert len(nystrom_stream.transfer_labels(mesh, mesh, 1000 * cut.labels).colours) == 2001
+
+
+def test_labels_are_read_from_files(mesh, cut, tmp_path):
+    size = (64, 48)
+    files = [tmp_path / name for name in ("x.seg", "x.npy", "x.ply")]
+    for file in files:
+        cut.save(file)
+        assert nystrom_stream.evaluate(cut, file)["rand"] == nystrom_stream.evaluate(str(file), cut.labels, mesh)["rand"] == 0
+        assert (nystrom_stream.picture(mesh, file, size=size) == nystrom_stream.picture(mesh, cut.labels, size=size)).all()
+        assert (nystrom_stream.transfer_labels(mesh, mesh, file).labels == cut.labels).all()
+    assert nystrom_stream.evaluate(cut, files)["rand"] == 0
+    np.save(tmp_path / "some.npy", np.where(cut.labels == 1, -1, cut.labels.astype(int)))
+    assert (nystrom_stream.transfer_labels(mesh, mesh, tmp_path / "some.npy").labels < 3).all()
+    with pytest.raises(ValueError, match="truths: .*some.npy has faces without a label"):
+        nystrom_stream.evaluate(cut, [tmp_path / "some.npy"])
+    with pytest.raises(FileNotFoundError):
+        nystrom_stream.evaluate(cut, tmp_path / "none.seg")
+    nystrom_stream.segment(mesh, cluster="components").save(tmp_path / "plain.obj")
+    with pytest.raises(ValueError, match="plain.obj: has no labels"):
+        nystrom_stream.evaluate(cut, tmp_path / "plain.obj")
 
 
 def test_parts_that_are_not_there_are_named(cut):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._edits import Edits, Names, as_edits, as_hints, as_names, read_names, started_from
-from ._meshes import (DEFAULT, MOST, MeshLike, Path, Progress, as_colours, as_labels, as_mesh, as_path, flag, number_parts, pair,
+from ._meshes import (DEFAULT, MOST, Labels, MeshLike, Path, Progress, as_colours, as_labels, as_mesh, as_path, flag, number_parts, pair,
                       real, run_options, whole)
 from ._results import Correspondence, Segmentation, Sequence, Transfer, cut_mesh
 
@@ -249,12 +249,13 @@ def correspond(a: MeshLike, *others: Any, matching: Matching = "all", refine: Re
     return Correspondence(matches, distances, confidence, json.loads(report))
 
 
-def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[ArrayLike] = None, *, threads: Optional[int] = None,
+def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[Labels] = None, *, threads: Optional[int] = None,
                     max_memory: Bytes = None, tmp: Optional[Path] = None, progress: Progress = None) -> Transfer:
     """Copies labels from a mesh to another version of it: another resolution, decimated, remeshed. Returns a Transfer, which can be
     saved.
 
-    source: a Segmentation, or a mesh with `labels` (faces,), where a negative number or 2**32 - 1 means that a face has none.
+    source: a Segmentation, or a mesh with `labels`, (faces,) or a file of them as of `evaluate`; a negative label or 2**32 - 1 means
+        that a face has none.
     target: the other mesh.
     """
     if labels is None and not hasattr(source, "labels"):
@@ -271,18 +272,25 @@ def transfer_labels(source: MeshLike, target: MeshLike, labels: Optional[ArrayLi
 def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:
     """Scores labels against human ones by the metrics of the Princeton Segmentation Benchmark: a dict, with 0 for equal labels.
 
-    labels: a Segmentation, or labels (faces,) of `mesh`. truths: one array of labels or Segmentation, or several, whose scores are
-        averaged. Raises ValueError for labels of another mesh.
+    labels: a Segmentation, or labels of `mesh`: (faces,) integers, or a file of them: .seg, .npy, or a mesh with a property `label`.
+    truths: one such labelling, or several, whose scores are averaged.
+
+    rand (1 − Rand index; `rand_area` is weighted by area), cut_discrepancy, hamming with its two rates missing and false_alarm, and the
+    consistency errors gce and lce. Raises ValueError for labels of another mesh.
     """
     if mesh is None and not hasattr(labels, "_as_mesh"):
         raise TypeError("mesh: missing; give the mesh of the labels, or a Segmentation")
     mesh = as_mesh(labels if mesh is None else mesh)
-    # A result has a length too, and is one labelling all the same; a column of a table is indexed by whatever names its rows.
-    if isinstance(truths, str) or not any(hasattr(truths, name) for name in ("labels", "__array__", "__iter__")):
-        raise TypeError(f"truths: {truths!r}; give labels, a Segmentation, or several")
-    if not hasattr(truths, "labels"):
+    def is_whole(truth: Any) -> bool:
+        # A result and a path have a length too, and are one labelling all the same.
+        return hasattr(truth, "labels") or isinstance(truth, (str, bytes, os.PathLike))
+
+    # A column of a table is indexed by whatever names its rows.
+    if not is_whole(truths) and not any(hasattr(truths, name) for name in ("__array__", "__iter__")):
+        raise TypeError(f"truths: {truths!r}; give labels, a Segmentation, a file of labels, or several")
+    if not is_whole(truths):
         truths = np.asarray(truths) if hasattr(truths, "__array__") else list(truths)
-    if hasattr(truths, "labels") or len(truths) and not hasattr(truths[0], "labels") and np.ndim(truths[0]) == 0:
+    if is_whole(truths) or len(truths) and not is_whole(truths[0]) and np.ndim(truths[0]) == 0:
         truths = [truths]
     truths = [as_labels(truth, mesh.faces, "truths") for truth in truths]
     scores: dict[str, Any] = json.loads(_native.evaluate(mesh, as_labels(labels, mesh.faces), truths))
@@ -298,12 +306,13 @@ def _numbered(labels: NDArray[np.uint32], names: Optional[Names]) -> tuple[NDArr
     return numbers, [told.get(label) or str(label) for label in known.tolist()]
 
 
-def picture(mesh: MeshLike, labels: Optional[ArrayLike] = None, *, colours: Optional[ArrayLike] = None, names: Optional[Names] = None,
+def picture(mesh: MeshLike, labels: Optional[Labels] = None, *, colours: Optional[ArrayLike] = None, names: Optional[Names] = None,
             size: tuple[int, int] = (1600, 1200), views: int = 1, transparent: bool = False, legend: bool = True, lines: bool = True,
             up: Optional[Axis] = None, turn: float = 0.0, tilt: float = 0.0) -> NDArray[np.uint8]:
     """Draws a mesh and its parts, without a display: (height, width, 4) uint8, red, green, blue, opacity.
 
-    mesh: a Segmentation, or a mesh, with `labels` or without; a face whose label is negative or 2**32 - 1 is grey.
+    mesh: a Segmentation, or a mesh, with `labels` or without.
+    labels: (faces,) integers, or a file of them as of `evaluate`; a face whose label is negative or 2**32 - 1 is grey.
     colours: (parts, 3), whole numbers from 0 to 255 or real ones from 0 to 1. names: of the parts, for the legend; by
     default those of the Segmentation. up: "x", "-y" and so on; by default automatic.
     turn, tilt: additional rotation and elevation in degrees, relative to the automatic view.

@@ -23,6 +23,9 @@ Progress = Optional[Callable[[str, int, int], object]]
 Run = tuple[Optional[int], Optional[int], Optional[Path], Progress]
 DEFAULT: Run = (None, None, None, None)
 
+# One label per face, or a file of labels.
+Labels = Union[ArrayLike, Path]
+
 # The greatest number of a vertex or a part; of a label it says that a face has none.
 MOST = 2**32 - 1
 # Up to here labels are numbers of parts, whatever the mesh: there is a colour for each up to the greatest.
@@ -246,7 +249,13 @@ def as_mesh(mesh: MeshLike, faces: Any = None, run: Run = DEFAULT) -> _native.Me
 
 
 def as_labels(labels: Any, faces: int, name: str = "labels", partial: bool = False) -> NDArray[np.uint32]:
-    """One label per face as uint32; where they may be `partial`, a negative one says that a face has none, and becomes `MOST`."""
+    """One label per face as uint32, of an array or of a file; where they may be `partial`, a negative one says that a face has none, and
+    becomes `MOST`."""
+    if isinstance(labels, (str, bytes, os.PathLike)):
+        path = as_path(name, labels)
+        labels = _native.read_labels(path)
+        if not partial and (labels == MOST).any():
+            raise ValueError(f"{name}: {path} has faces without a label")
     labels = np.asarray(unmasked(name, getattr(labels, "labels", labels), -1 if partial else None))
     if labels.ndim == 0:
         raise TypeError(f"{name}: {labels.item()!r}; give one per face")

@@ -25,6 +25,7 @@ __all__ = [
     "part_colours",
     "picture",
     "quality",
+    "read_labels",
     "read_names",
     "save",
     "save_matches",
@@ -82,6 +83,7 @@ def correspond(
 def save_matches(
     matches: NDArray[np.int64], distances: NDArray[np.float32], confidence: NDArray[np.float32], path: _Path
 ) -> None: ...
+def read_labels(path: _Path) -> _Labels: ...
 def read_names(path: _Path) -> list[str]: ...
 def part_colours(mesh: Mesh, labels: _Labels) -> NDArray[np.uint8]: ...
 def save(
