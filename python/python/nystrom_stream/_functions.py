@@ -316,6 +316,8 @@ def picture(mesh: MeshLike, labels: Optional[Labels] = None, *, colours: Optiona
     colours: (parts, 3), whole numbers from 0 to 255 or real ones from 0 to 1. names: of the parts, for the legend; by
     default those of the Segmentation. up: "x", "-y" and so on; by default automatic.
     turn, tilt: additional rotation and elevation in degrees, relative to the automatic view.
+
+    `PIL.Image.fromarray(image).save("parts.png")` or `matplotlib.pyplot.imsave("parts.png", image)` writes it to a file.
     """
     if labels is None and isinstance(mesh, (Segmentation, Transfer)):
         labels, colours = mesh.labels, mesh._colours if colours is None else colours
@@ -385,7 +387,7 @@ def quality(mesh: MeshLike, faces: Any = None, *, landmarks: Union[int, Iterable
 
 
 def measure(mesh: MeshLike, faces: Any = None) -> dict[str, Any]:
-    """Measures a mesh: a dict with box, area, volume if it is closed, centroid, axes, components, boundary_loops,
-    open, welded and non-manifold edges, degenerate faces."""
+    """Measures a mesh: a dict with box, area, volume if it is closed (else None), centroid, axes, spread, as `Segmentation.measure` has
+    them; components, boundary_loops; open, welded and non-manifold edges, degenerate faces."""
     measures: dict[str, Any] = json.loads(_native.measure_mesh(as_mesh(mesh, faces)))
     return measures

@@ -243,6 +243,8 @@ def as_mesh(mesh: MeshLike, faces: Any = None, run: Run = DEFAULT) -> _native.Me
         raise TypeError(f"a {type(mesh).__name__} is not a surface; give mesh.extract_surface()")
     if hasattr(mesh, "points") and hasattr(mesh, "cells"):
         return _of_blocks(mesh)
+    if isinstance(mesh, list) or getattr(mesh, "ndim", 0) == 2:
+        raise TypeError("faces: missing; vertices alone are no mesh")
     raise TypeError(
         f"a {type(mesh).__name__} is not a mesh; give a path, vertices and faces, or a mesh of trimesh, PyVista, Open3D or meshio"
     )
@@ -262,7 +264,8 @@ def as_labels(labels: Any, faces: int, name: str = "labels", partial: bool = Fal
     if labels.ndim != 1 or len(labels) != faces:
         raise ValueError(f"{name}: {'×'.join(map(str, labels.shape))} for {faces} faces; give one per face")
     if not np.issubdtype(labels.dtype, np.integer):
-        raise TypeError(f"{name}: {labels.dtype} is not an integer type")
+        remedy = f"; give {name}.astype(int)" if np.issubdtype(labels.dtype, np.floating) else ""
+        raise TypeError(f"{name}: {labels.dtype} is not an integer type{remedy}")
     if len(labels) and labels.min() < 0:
         if partial:
             return np.where(labels < 0, np.uint32(MOST), as_labels(np.maximum(labels, 0), faces, name))

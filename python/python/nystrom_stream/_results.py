@@ -133,7 +133,8 @@ class Segmentation(_Labelled):
     labels: (faces,) uint32, the part of each face, from 0, in the order of the mesh.
     quality: (faces,) float32, the confidence of each label, 0 to 1; None for a cut from the hierarchy.
     colours: (parts, 3) uint8, one sRGB colour per part, different for parts that touch.
-    report: a dict with counts of the mesh, parts with their areas, landmarks, eigenvalues, seconds by stage.
+    report: a dict with counts of the mesh, parts with their areas, landmarks, eigenvalues, seconds by stage; of a cut from the
+        hierarchy the parts without areas, and no more.
     names: a name per part, "" for none. Assign a list, or a dict by part: `cut.names = {0: "left arm"}`.
 
     Whatever needs the mesh raises ValueError if its file has changed since.
