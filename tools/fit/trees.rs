@@ -5,7 +5,7 @@ use nystrom_stream::base::Result;
 use nystrom_stream::cluster::parts::ensemble::{
     MeetingProbabilities, OverSegmentation, mean_over_ensemble, measured_ensemble,
 };
-use nystrom_stream::cluster::parts::labelling::soft_hierarchy;
+use nystrom_stream::cluster::parts::labelling::{best_labelling, soft_hierarchy};
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
 use nystrom_stream::cluster::parts::merges::{MergeModel, RegionMerge, meeting_probability, merges};
 use nystrom_stream::cluster::parts::region_pieces::RegionPieces;
@@ -74,7 +74,9 @@ impl Trees {
         };
         let trees: Vec<_> = self.trees.iter().map(meet).collect();
         let together = mean_over_ensemble(self.superfaces.len(), &trees, &run)?;
-        let tree = soft_hierarchy(&self.cells, &self.superfaces, &together, PartsParams::default().small_part, &run)?;
+        let best = best_labelling(&self.superfaces.area, &together);
+        let small_part = PartsParams::default().small_part;
+        let tree = soft_hierarchy(&self.cells, &self.superfaces, &together, &best, small_part, &run)?;
         let (found, given) = (tree.cut_detail(0.), tree.cut_k(parts)?);
         Ok(Score { found: self.rand(&found.label), given: self.rand(&given.label) })
     }

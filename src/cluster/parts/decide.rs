@@ -11,6 +11,7 @@ use super::ensemble::Superfaces;
 use super::interior::enclosed::Layers;
 use super::interior::layered::{self, CoAssociation};
 use super::matrix::Square;
+use super::symmetry::both_sides::cut_alike;
 use super::symmetry::cell_map::Surface;
 use super::symmetry::limbs::limb_maps;
 use super::symmetry::mirror_images::{LEAST_LIKENESS, mirror_images, symmetrised};
@@ -103,7 +104,12 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
         // The best plane comes last, or the reflection, so that its symmetry is exact.
         let sides = planes.iter().rev().chain(&posed).map(std::slice::from_ref);
         let alike = limbs.chain(sides).fold(c, |c, maps| symmetrised(&c, &superfaces.of_cell, &shares, maps));
-        let tree = labelling::soft_hierarchy(cells, &superfaces, &alike, small_part, run)?;
+        let best = labelling::best_labelling(&superfaces.area, &alike);
+        let best = match posed.as_ref().or(planes.first()) {
+            Some(map) => cut_alike(best, &superfaces, &alike, &shares, map),
+            None => best,
+        };
+        let tree = labelling::soft_hierarchy(cells, &superfaces, &alike, &best, small_part, run)?;
         Ok(PartDecision::of(superfaces, alike, tree))
     };
     let Some(images) = &posed else { return decided(superfaces, c) };

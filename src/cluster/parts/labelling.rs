@@ -191,7 +191,14 @@ const LADDER: [f64; 10] = [0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 0.9
 /// Maximum level of joins between the parts found: below ½ also in single precision.
 const BELOW_HALF: f64 = 0.4999;
 
-/// The hierarchy of cells, given the probabilities C that their superfaces belong together.
+/// The labelling of greatest expected Rand index that is found for superfaces with areas `area` (R).
+pub fn best_labelling(area: &[f64], co_association: &Square) -> Vec<u32> {
+    let everything: Vec<u32> = (0..area.len() as u32).collect();
+    RandObjective { area, co_association }.best(&everything, HALF)
+}
+
+/// The hierarchy of cells, given the probabilities C that their superfaces belong together, and the labelling at ½ to
+/// start from ([`best_labelling`]).
 ///
 /// # Errors
 /// Cancellation.
@@ -199,13 +206,14 @@ pub fn soft_hierarchy(
     cells: &CellGraph,
     superfaces: &Superfaces,
     co_association: &Square,
+    best: &[u32],
     small_part: f64,
     run: &Run,
 ) -> Result<PartTree> {
     let n = superfaces.len();
     let objective = RandObjective { area: &superfaces.area, co_association };
     let everything: Vec<u32> = (0..n as u32).collect();
-    let label = without_ambiguous(cells, superfaces, co_association, &objective.best(&everything, HALF));
+    let label = without_ambiguous(cells, superfaces, co_association, best);
     let boundaries = superfaces.shared_boundaries(cells).into_iter();
     let touching = boundaries.filter(|&(.., length)| length > 0.0).map(|(a, b, _)| (a, b)).collect();
     let levels_of = HierarchyLevels { touching, objective };
@@ -413,7 +421,9 @@ mod tests {
         let cells = CellGraph { area: vec![1.0; n as usize], length, pairs, ..CellGraph::default() };
         let superfaces = Superfaces::kept((0..n).collect(), cells.area_shares()).unwrap();
         let parts = |c: &Square, detail: f64| {
-            let tree = soft_hierarchy(&cells, &superfaces, c, 0.0, &Run::new(&())).unwrap();
+            let tree =
+                soft_hierarchy(&cells, &superfaces, c, &best_labelling(&superfaces.area, c), 0.0, &Run::new(&()))
+                    .unwrap();
             tree.cut_detail(detail).parts
         };
         let halves = |inside: f64, across: f64| {

@@ -119,7 +119,12 @@ pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], maps: &[MirrorIm
 
 /// For each of `n` superfaces, the shares of its image in other superfaces, which sum to 1, and how well it matches
 /// (R).
-fn superface_images(n: usize, of_cell: &[u32], shares: &[f64], map: &MirrorImages) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
+pub(super) fn superface_images(
+    n: usize,
+    of_cell: &[u32],
+    shares: &[f64],
+    map: &MirrorImages,
+) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     let mut images: Vec<Vec<(u32, f64)>> = vec![Vec::new(); n];
     let (mut sure, area) = (vec![0.0; n], class_sums(of_cell, shares, n));
     for (k, &x) in of_cell.iter().enumerate().filter(|(k, _)| map.weight[*k] > 0.0) {
