@@ -243,13 +243,13 @@ fn both_halves(n: usize, values: Cow<'_, [f64]>) -> Vec<f64> {
     if values.len() != n * (n + 1) / 2 {
         return values.into_owned();
     }
-    let (mut matrix, mut values) = (Square::zeros(n), values.iter());
+    let (mut all, mut values) = (vec![0.; n * n], values.iter());
     for i in 0..n {
         for (j, &value) in (0..=i).zip(values.by_ref()) {
-            (matrix[(i, j)], matrix[(j, i)]) = (value, value);
+            (all[n * i + j], all[n * j + i]) = (value, value);
         }
     }
-    matrix.values().to_vec()
+    all
 }
 
 impl KeptDecision {

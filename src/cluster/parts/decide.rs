@@ -14,7 +14,7 @@ use super::matrix::Square;
 use super::symmetry::both_sides::cut_alike;
 use super::symmetry::cell_map::Surface;
 use super::symmetry::limbs::limb_maps;
-use super::symmetry::mirror_images::{LEAST_LIKENESS, mirror_images, symmetrised};
+use super::symmetry::mirror_images::{LEAST_LIKENESS, MirrorImages, mirror_images, symmetrised};
 use super::symmetry::reflection::reflection;
 use super::{Decision, PartsParams, consensus, labelling};
 use crate::base::{Error, Result};
@@ -99,16 +99,15 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
         Some(surface) if !has_plane => reflection(surface, run)?,
         _ => None,
     };
+    // The best plane comes last, or the reflection, so that its symmetry is exact.
+    let sides: Vec<&MirrorImages> = planes.iter().rev().chain(&posed).collect();
     let decided = |superfaces: Superfaces, c: Square| -> Result<PartDecision> {
-        let limbs = limbs.iter().map(Vec::as_slice);
-        // The best plane comes last, or the reflection, so that its symmetry is exact.
-        let sides = planes.iter().rev().chain(&posed).map(std::slice::from_ref);
-        let alike = limbs.chain(sides).fold(c, |c, maps| symmetrised(&c, &superfaces.of_cell, &shares, maps));
-        let best = labelling::best_labelling(&superfaces.area, &alike);
-        let best = match posed.as_ref().or(planes.first()) {
-            Some(map) => cut_alike(best, &superfaces, &alike, &shares, map),
-            None => best,
-        };
+        let maps = limbs.iter().map(Vec::as_slice).chain(sides.iter().map(|side| std::slice::from_ref(*side)));
+        let alike = maps.fold(c, |c, maps| symmetrised(&c, &superfaces.of_cell, &shares, maps));
+        let mut best = labelling::best_labelling(&superfaces.area, &alike);
+        if let Some(side) = sides.last() {
+            best = cut_alike(best, &superfaces, &alike, &shares, side);
+        }
         let tree = labelling::soft_hierarchy(cells, &superfaces, &alike, &best, small_part, run)?;
         Ok(PartDecision::of(superfaces, alike, tree))
     };

@@ -95,10 +95,10 @@ pub fn reflection(surface: &Surface, initial: &[CellMap], run: &Run) -> Result<O
     let turned = initial.iter().filter(|map| surface.turning(&map.image) <= TURNED);
     let dissimilarity = |map: &CellMap| surface.mean_dissimilarity(map);
     let from_tips = turned.min_by(|a, b| dissimilarity(a).total_cmp(&dissimilarity(b)));
+    let tips = tips(surface, TIPS);
     for map in best.map(|(_, map)| map).iter().chain(from_tips).filter(|map| surface.may_be_reflection(map)) {
         run.cancel.check()?;
         let refitted = surface.refitted(&map.image);
-        let tips = tips(surface, TIPS);
         if surface.is_reflection_of_trunk(&refitted, &tips) {
             return Ok(Some(refitted));
         }
