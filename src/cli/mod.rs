@@ -1,6 +1,7 @@
 //! The command line: parses arguments into library parameters, runs a subcommand, reports errors. The only user of clap
 //! and indicatif.
 
+mod allocator;
 mod batch;
 mod choices;
 mod command;
@@ -165,7 +166,8 @@ impl End {
 /// Parses the arguments and runs. `peak` returns the peak of allocated bytes so far.
 pub fn main(peak: fn() -> u64) -> End {
     nystrom_stream::store::mapped::report_vanishing_files();
-    let parsed = command::parsed().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
+    let matches = command::parsed().try_get_matches().inspect(allocator::return_memory_at_once);
+    let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
     let style = if usage::asks_for_events() { Style::Json } else { Style::Lines };
     let cli = match parsed {
         Ok(cli) => cli,
