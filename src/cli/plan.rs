@@ -87,7 +87,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     let folder = args.work_dir.clone().or(args.scratch.tmp.clone()).unwrap_or_else(|| scratch_beside(&args.mesh));
     // A work directory may not exist yet; its disk is that of the nearest existing folder above it.
     let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
-    let measured = calibrate(&params, plan.landmarks, size.faces, &folder, &run)?;
+    let measured = calibrate(&params, plan.landmarks, size.faces, &folder, lasting, &run)?;
     let time_of = |of: &BTreeMap<String, StageTime>, stage: &str| of.get(stage).copied().unwrap_or_default();
     let mut plan = plan.with_times(|stage| time_of(&measured.smooth, stage), |stage| time_of(&measured.rough, stage));
     if let Some(cache) = page_cache(&plan).filter(|&cache| plan.random_access_bytes > cache) {

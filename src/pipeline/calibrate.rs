@@ -108,7 +108,8 @@ pub struct Calibration {
 
 /// The pace of each stage on a mesh of `faces` faces, measured in a temporary folder inside `folder`: for a large mesh
 /// on creatures of two sizes, since some stages have a fixed cost. Large meshes use different methods than small ones
-/// (blocks of nodes, patches to test whether the surface is clean), so their creatures are large.
+/// (blocks of nodes, patches to test whether the surface is clean), so their creatures are large. Unless the run's
+/// directory is `lasting`, as large a share of a creature's arrays is kept in memory as of the mesh's.
 ///
 /// # Errors
 /// As [`segment`].
@@ -117,6 +118,7 @@ pub fn calibrate(
     landmarks: usize,
     faces: u64,
     folder: &Path,
+    lasting: bool,
     run: &Run,
 ) -> Result<Calibration> {
     let [few, many] = sizes(faces);
@@ -127,10 +129,15 @@ pub fn calibrate(
     // The creatures may have fewer faces than the mesh has parts.
     params.parts.count = params.parts.count.at_most(few.min(LARGE[0] / 4) as usize);
     let more_rows = landmarks as f64 / params.landmarks.unwrap_or(landmarks).max(1) as f64;
+    let seconds = |size: u64, noise| {
+        // Of a budget as small for the creature as that of the run is for the mesh.
+        let held = if lasting { 0. } else { run.budget.total() as f64 * (size as f64 / faces as f64).min(1.) };
+        seconds(&params, size, noise, folder, &Budget::new(held as u64), run)
+    };
     let mean_seconds = |size, noise| -> Result<Timed> {
-        let mut mean = seconds(&params, size, noise, folder, run)?;
+        let mut mean = seconds(size, noise)?;
         if of_two && size < TWICE_BELOW {
-            for (stage, again) in seconds(&params, size, noise, folder, run)?.stages {
+            for (stage, again) in seconds(size, noise)?.stages {
                 mean.stages.entry(stage).and_modify(|mean| *mean = (*mean + again) / 2.);
             }
         }
@@ -146,7 +153,7 @@ pub fn calibrate(
     };
     if of_two {
         // A warm-up run: the first one pays for the program's own pages and caches, as a short run does, too.
-        seconds(&params, few.min(LARGE[0] / 4), 0., folder, run)?;
+        seconds(few.min(LARGE[0] / 4), 0.)?;
     }
     let (short, rough) = (mean_seconds(few, 0.)?, mean_seconds(few, NOISE)?);
     let larger = of_two.then(|| mean_seconds(many, 0.)).transpose()?;
@@ -195,8 +202,8 @@ impl Timed {
     }
 }
 
-/// The seconds of each stage on a creature of about `faces` faces.
-fn seconds(params: &SegmentParams, faces: u64, noise: f64, folder: &Path, run: &Run) -> Result<Timed> {
+/// The seconds of each stage on a creature of about `faces` faces; arrays are kept in memory as far as `held` allows.
+fn seconds(params: &SegmentParams, faces: u64, noise: f64, folder: &Path, held: &Budget, run: &Run) -> Result<Timed> {
     let clock = Clock::default();
     let landmarks = params.landmarks.unwrap_or(0);
     let timed = Run {
@@ -208,7 +215,7 @@ fn seconds(params: &SegmentParams, faces: u64, noise: f64, folder: &Path, run: &
         cancel: run.cancel.clone(),
         seed: run.seed,
     };
-    let work = WorkDir::temporary(folder)?;
+    let work = WorkDir::temporary(folder)?.holding(held);
     let path = work.file("calibration.ply");
     let creature = Creature::new(&Options { faces, noise, ..Options::default() })?;
     creature.write_ply(&path, &timed)?;

@@ -9,7 +9,7 @@ use nystrom_stream::store::Run;
 fn a_rough_surface_takes_longer_than_a_smooth_one() {
     let folder = tempfile::tempdir().unwrap();
     let params = SegmentParams::default();
-    let times = calibrate(&params, 20, 20_000, folder.path(), &Run::new(&())).unwrap();
+    let times = calibrate(&params, 20, 20_000, folder.path(), false, &Run::new(&())).unwrap();
     assert!(["graph", "surface", "weights", "rows", "labels"].iter().all(|&name| times.smooth.contains_key(name)));
     for (stage, rough) in &times.rough {
         assert!(rough.of(20_000) >= times.smooth[stage].of(20_000), "{stage}");
