@@ -32,9 +32,12 @@ const BEYOND_CACHES: f64 = 1.2;
 const WAITING: f64 = 0.5;
 
 /// Seconds of processor time per byte read or written if memory is short, besides waiting: faults, reclaiming, cold
-/// caches. 28 seconds more for some 35 GB at 100 million faces by default, 53 for 61 GB by K-means, of which a quarter
-/// was waiting for the disk (measured).
-const PAGING: f64 = 0.7e-9;
+/// caches. 19 seconds more for some 42 GB at 100 million faces by default (measured).
+const PAGING: f64 = 0.35e-9;
+
+/// The same for rows over all faces, which are read in the order of their fronts: 53 seconds for 61 GB by K-means, of
+/// which a quarter was waiting for the disk (measured).
+const PAGING_OF_ROWS: f64 = 0.7e-9;
 
 /// The time of a stage: a fixed part, and a part per face.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -105,9 +108,10 @@ pub struct Plan {
     pub seconds: Option<f64>,
     /// Total seconds on a rough surface, if calibrated.
     pub seconds_rough: Option<f64>,
-    /// Bytes read from the disk and written to it for a rough surface if memory holds hardly anything of the mesh.
+    /// Bytes read from the disk and written to it in each stage for a rough surface if memory holds hardly anything of
+    /// the mesh.
     #[serde(skip)]
-    rough_moves: [u64; 2],
+    rough_moves: Vec<[u64; 2]>,
 }
 
 /// Number of landmarks of `params` on a mesh of `faces` faces; components need none.
@@ -216,11 +220,6 @@ fn disk_of(stages: &[StagePlan]) -> (u64, u64) {
     (disk, peak)
 }
 
-/// Bytes read from the disk and written to it in `stages`, if memory holds hardly anything of the mesh.
-fn moves_of(stages: &[StagePlan]) -> [u64; 2] {
-    stages.iter().fold([0; 2], |[reads, writes], stage| [reads + stage.needs.reads, writes + stage.needs.writes])
-}
-
 impl Plan {
     /// The plan for a mesh of size `mesh` under `params`, in a work directory that is `lasting` or temporary. If
     /// [`Order::Auto`] would have to examine the mesh, its order is assumed to be good unless `reordered`.
@@ -251,7 +250,7 @@ impl Plan {
         let (disk, disk_peak) = disk_of(&stages);
         let smooth = stages_of(&Extent { rough: false, ..extent }, params.cluster, decoded, budget);
         let (_, disk_peak_smooth) = disk_of(&smooth);
-        let rough_moves = moves_of(&stages);
+        let rough_moves = stages.iter().map(|stage| [stage.needs.reads, stage.needs.writes]).collect();
         // Seconds of each stage are those on a smooth surface.
         for (stage, smooth) in stages.iter_mut().zip(&smooth) {
             stage.needs = stage.needs.moving(smooth.needs.reads, smooth.needs.writes);
@@ -290,15 +289,15 @@ impl Plan {
     /// Adds the time for paging with a disk of this speed, if the page cache can hold `cache` bytes of mapped files.
     pub fn with_waits(mut self, speed: DiskSpeed, cache: u64) -> Self {
         let missing = 1. - (cache as f64 / self.random_access_bytes as f64).min(1.);
-        let waits = |reads: u64, writes: u64| {
+        let waits = |stage: &str, reads: u64, writes: u64| {
             let (read, written) = (missing * reads as f64, missing * writes as f64);
-            WAITING * speed.seconds(read, written) + PAGING * (read + written)
+            let paging = if stage == "rows" { PAGING_OF_ROWS } else { PAGING };
+            WAITING * speed.seconds(read, written) + paging * (read + written)
         };
-        for StagePlan { needs, seconds, .. } in &mut self.stages {
-            *seconds = seconds.map(|seconds| seconds + waits(needs.reads, needs.writes));
+        for (StagePlan { name, needs, seconds }, [reads, writes]) in self.stages.iter_mut().zip(&self.rough_moves) {
+            *seconds = seconds.map(|seconds| seconds + waits(name, needs.reads, needs.writes));
+            self.seconds_rough = self.seconds_rough.map(|seconds| seconds + waits(name, *reads, *writes));
         }
-        let [reads, writes] = self.rough_moves;
-        self.seconds_rough = self.seconds_rough.map(|seconds| seconds + waits(reads, writes));
         self.seconds = self.stages.iter().map(|stage| stage.seconds).sum();
         self
     }
@@ -399,7 +398,8 @@ mod tests {
             plan().with_times(|_| StageTime { fixed: 1., per_face: 0. }, |_| StageTime { fixed: 2., per_face: 0. });
         let speed = DiskSpeed { read: 1e9, write: 5e8 };
         let seconds = |cache: u64| timed.clone().with_waits(speed, cache).seconds.unwrap();
-        let [reads, writes] = moves_of(&timed.stages);
+        let [reads, writes] = [|needs: Needs| needs.reads, |needs: Needs| needs.writes]
+            .map(|of| timed.stages.iter().map(|stage| of(stage.needs)).sum::<u64>());
         let waiting = WAITING * (reads as f64 / 1e9 + writes as f64 / 5e8);
         let all = waiting + PAGING * (reads + writes) as f64;
         assert!((seconds(0) - timed.seconds.unwrap() - all).abs() < 1e-6 && all > 100., "{all}");
