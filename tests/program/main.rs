@@ -28,4 +28,5 @@ mod sequence;
 mod split_faces;
 mod stages;
 mod told;
+mod workflow;
 mod zoo;

@@ -1,7 +1,8 @@
 """Segments a batch of meshes: one Parquet file per mesh, in the partition mesh=NAME, and one line of JSON per mesh.
 
-A mesh that the program refuses is a line with an error; it is tried twice, in case that a network folder failed it. The
-folder is made under another name and renamed when whole.
+A mesh that the program refuses is a line with an error; it is tried twice, in case that a network folder failed it. Where
+the folder itself fails, such as on a full disk, the batch fails, to be run again. The folder is made under another name and
+renamed when whole.
 """
 
 import json
@@ -37,9 +38,12 @@ def segment(name, mesh):
         parts = [{key: part[key] for key in keys} for part in told["parts"]]
         return {**line, "faces": told["input"]["faces"], "seconds": told["seconds"]["total"], "parts": parts}
     shutil.rmtree(folder)
-    if done.returncode == 1:
-        return {**line, "error": done.stderr.strip().removeprefix("nystrom-stream: ")}
-    # Misused, or killed: nothing that another mesh would do better.
+    error = done.stderr.strip().removeprefix("nystrom-stream: ")
+    # The batch's own folder, such as one on a full disk, is no fault of the mesh.
+    is_of_folder = str(partial) in error and ("(os error " in error or "of disk space" in error)
+    if done.returncode == 1 and not is_of_folder:
+        return {**line, "error": error}
+    # Misused, killed, or nowhere to write: nothing that another mesh would do better.
     sys.exit(f"{words[0]} ended with {done.returncode}: {done.stderr}")
 
 
