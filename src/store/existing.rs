@@ -1,6 +1,7 @@
 //! Opens work directories that must exist already, to continue them or to inspect them.
 
 use super::WorkDir;
+use super::folder::LOCK;
 use super::manifest::MANIFEST;
 use crate::base::{Error, Result};
 use std::path::Path;
@@ -15,6 +16,9 @@ impl WorkDir {
             return Err(if is_of_two(path) {
                 let problem = "is a work directory of `correspond`, which holds one for each of two meshes";
                 Error::work_dir(path, problem, "choose one that `segment` or `graph` has made")
+            } else if path.join(LOCK).is_file() {
+                let remedy = "wait for the run that uses it, or start the interrupted one again";
+                Error::work_dir(path, "has no finished stage yet", remedy)
             } else {
                 let remedy = "check the path, or create it first: stage `record`";
                 Error::work_dir(path, "is not a work directory, or an empty one", remedy)

@@ -384,6 +384,13 @@ fn what_is_missing_is_said() {
             "{words:?}: {said}"
         );
     }
+    // What a run leaves that was interrupted in its first stage.
+    std::fs::create_dir(&none).unwrap();
+    std::fs::write(none.join("lock"), "").unwrap();
+    for words in [&["info"][..], &["verify"], &["cluster"]] {
+        let said = refused(words, &none, 1);
+        assert!(said.contains("has no finished stage yet; wait for the run that uses it"), "{words:?}: {said}");
+    }
     let mesh = zoo::dumbbell().write(dir.path());
     let work = dir.path().join("work");
     stage(&["graph", word(&mesh)], &work);
