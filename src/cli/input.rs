@@ -6,6 +6,8 @@
 use super::options::{CliError, ForceArgs};
 use super::output::MESH_EXTENSIONS;
 use super::provenance::is_output;
+use super::sink::folder_of;
+use nystrom_stream::apps::export::split;
 use nystrom_stream::base::Error;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::size::is_pipe;
@@ -13,6 +15,7 @@ use nystrom_stream::pipeline::admission::admit;
 use nystrom_stream::pipeline::input::{self, SPOOLED};
 use nystrom_stream::store::{Context, Run, workdir};
 use serde_json::{Value, json};
+use std::ffi::OsStr;
 use std::fs::File;
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
@@ -86,6 +89,23 @@ fn is_result(path: &Path) -> bool {
     named(path, &RESULTS) || is_output(path)
 }
 
+/// Whether `path` lies in a folder of parts.
+fn is_part(path: &Path) -> bool {
+    let name = path.file_name().and_then(OsStr::to_str);
+    name.is_some_and(split::is_file_name) && folder_of(path).join(split::LIST).is_file()
+}
+
+/// Removes results of this program from the `found` files of a folder or pattern `word`, which must not be all.
+fn without_results(word: &Path, found: &mut Vec<PathBuf>) -> Result<(), Error> {
+    let all = found.len();
+    found.retain(|path| !is_result(path));
+    if found.is_empty() && all > 0 {
+        let problem = "all meshes here are outputs of this program, which folders and patterns skip";
+        return Err(Error::unusable(word, problem, "give them by name to cut them again"));
+    }
+    Ok(())
+}
+
 /// The meshes given by `words`, without duplicates, in order: files, the meshes in folders, matches of patterns. Also
 /// whether they are treated as a batch.
 pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
@@ -100,7 +120,8 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
             let is_file = |path: &Path| path.is_file() || path.is_symlink() && !path.exists();
             let is_hidden =
                 |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-            found.retain(|path| named(path, &MESH_EXTENSIONS) && is_file(path) && !is_hidden(path) && !is_result(path));
+            found.retain(|path| named(path, &MESH_EXTENSIONS) && is_file(path) && !is_hidden(path));
+            without_results(word, &mut found)?;
             if found.is_empty() {
                 return Err(Error::unusable(
                     word,
@@ -117,7 +138,10 @@ pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
             // As in a shell.
             let options = glob::MatchOptions { require_literal_leading_dot: true, ..glob::MatchOptions::new() };
             let paths = glob::glob_with(&text, options).map_err(|error| wrong(format!("invalid pattern: {error}")))?;
-            let found: Vec<PathBuf> = paths.flatten().filter(|path| !is_result(path)).collect();
+            let mut found: Vec<PathBuf> = paths.flatten().collect();
+            // Any other pattern that matches parts is meant to.
+            found.retain(|path| !text.contains("**") || !is_part(path));
+            without_results(word, &mut found)?;
             if found.is_empty() {
                 return Err(Error::unusable(word, "matches no file", "check the pattern").into());
             }

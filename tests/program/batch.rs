@@ -210,6 +210,36 @@ fn a_folder_of_parts_is_skipped_if_it_is_whole() {
     assert!(again().contains("0 done, 0 failed, 2 skipped"));
 }
 
+/// Regression: `matches no file` and `holds no mesh` were said of outputs, which are skipped.
+#[test]
+fn a_folder_of_outputs_alone_is_told_of() {
+    let dir = common::in_memory();
+    zoo::grid(5).write(dir.path());
+    std::fs::rename(dir.path().join("grid.ply"), dir.path().join("grid.segmented.ply")).unwrap();
+    for path in [dir.path().to_path_buf(), dir.path().join("*.ply")] {
+        let output = run(&["segment", word(&path)]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(errors(&output).contains("all meshes here are outputs of this program"), "{}", errors(&output));
+    }
+}
+
+/// Regression: the same command again took parts for meshes, and was refused.
+#[test]
+fn a_pattern_over_all_folders_skips_folders_of_parts() {
+    let dir = common::in_memory();
+    zoo::grid(9).write(dir.path());
+    zoo::dumbbell().write(dir.path());
+    let (all, parts) = (dir.path().join("**/*.ply"), format!("{}/{{}}.parts/", word(dir.path())));
+    let cut = |pattern: &Path, words: &[&str]| {
+        errors(&run(&[&["segment", word(pattern), "-k", "2"], words].concat())).lines().next_back().unwrap().to_string()
+    };
+    assert!(cut(&all, &["-o", &parts]).starts_with("2 meshes: 2 done"));
+    assert!(cut(&all, &["-o", &parts, "--resume"]).starts_with("2 meshes: 0 done, 0 failed, 2 skipped"));
+    // Parts can be cut like any mesh.
+    let again = dir.path().join("{}.seg");
+    assert!(cut(&dir.path().join("grid.parts/*.ply"), &["-o", word(&again)]).starts_with("2 meshes: 2 done"));
+}
+
 #[test]
 fn patterns_and_events() {
     let (dir, meshes) = folder();
