@@ -187,8 +187,8 @@ impl Tally {
         }
     }
 
-    /// Records the result of a mesh.
-    fn record_result(&mut self, number: usize, job: &Job, result: Result<Report>, seconds: f64) {
+    /// Records the result of a mesh; returns whether its line is written, if there is to be one.
+    fn record_result(&mut self, number: usize, job: &Job, result: Result<Report>, seconds: f64) -> bool {
         let written = match result {
             Ok(report) => {
                 let line = job.line(&report, seconds);
@@ -206,9 +206,7 @@ impl Tally {
                 self.tell(&line)
             }
         };
-        if let Err(error) = written {
-            self.stop.get_or_insert(error);
-        }
+        written.map_err(|error| self.stop.get_or_insert(error)).is_ok()
     }
 }
 
@@ -307,17 +305,10 @@ impl Batch<'_> {
         let begin = Instant::now();
         let mut run = args.run.run(&mine, self.app);
         (run.threads, run.budget) = (self.share.0, Budget::new(self.share.1));
+        let mark = |provenance| job.outputs.iter().map(move |output| Provenance::mark(provenance, output));
+        let marks: Vec<_> = provenance.iter().flat_map(mark).collect();
         // A panic fails only its mesh.
-        let result = catch(|| {
-            let known = |what: fn(&Provenance, &Output)| {
-                provenance.iter().for_each(|provenance| job.outputs.iter().for_each(|output| what(provenance, output)));
-            };
-            known(Provenance::remove_record);
-            let report = one(job, self.task, &mine, &run, self.app)?;
-            known(Provenance::write_record);
-            Ok(report)
-        })
-        .flatten();
+        let result = catch(|| one(job, self.task, &mine, &run, self.app)).flatten();
         let seconds = begin.elapsed().as_secs_f64();
         let row = result.as_ref().map_or(String::new(), |report| self.table.row_of(&job.mesh, report, seconds));
         self.bars.end(&mine, &row);
@@ -326,7 +317,16 @@ impl Batch<'_> {
         {
             self.bars.complain(&job.mesh, &message(error), file_of(error));
         }
-        lock(&self.tally).record_result(k, job, result, seconds);
+        let is_done = result.is_ok();
+        let is_told = lock(&self.tally).record_result(k, job, result, seconds);
+        // Only now does it count as done: a mesh that is skipped has its line.
+        for mark in marks {
+            if !is_done {
+                mark.undo();
+            } else if is_told {
+                mark.complete();
+            }
+        }
     }
 
     /// Reports the result of the batch, which started at `start`.

@@ -3,7 +3,8 @@
 //! Beside the outputs of a batch is a folder `.nystrom-stream` with one small file per output: a key of the program's
 //! version, the mesh and the options, the modification time of the mesh and a hash of all of it, and the size and time
 //! of the output as written. One file per output, written by rename, so several processes may write to one folder of
-//! outputs. An output without such a record, or changed since, counts as made by something else.
+//! outputs. An output without such a record, or changed since, counts as made by something else. While an output is
+//! being written, an empty record marks it, so that the next run does not take what a killed one leaves for a mesh.
 //!
 //! Cost: a mesh is read once more for its hash, after it was cut, and again only if its times differ.
 
@@ -14,6 +15,7 @@ use nystrom_stream::pipeline::input;
 use nystrom_stream::pipeline::labels::LABELS_VERSION;
 use nystrom_stream::store::json;
 use serde_json::{Value, json};
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::UNIX_EPOCH;
@@ -78,16 +80,22 @@ impl Provenance {
         kept.as_ref().zip(self.record(output)).is_some_and(same) && kept.as_ref().is_some_and(|kept| self.is_of(kept))
     }
 
-    /// Removes the record of `output`, before it is rewritten.
-    pub fn remove_record(&self, output: &Output) {
+    /// Replaces the record of `output` by an empty one, before it is rewritten.
+    pub fn mark<'a>(&'a self, output: &'a Output) -> Mark<'a> {
+        let was_ours = output.path().is_some_and(is_output);
+        let mark = Mark { provenance: self, output, was_ours, before: last_state(output) };
         if let Some(path) = output.path().and_then(place) {
-            let _ = std::fs::remove_file(path);
+            let _ = path.parent().map(std::fs::create_dir);
+            // Never through a link that somebody put there.
+            let _ = std::fs::remove_file(&path);
+            let _ = File::create_new(path);
         }
+        mark
     }
 
     /// Records that this made `output`. If the folder is not writable, or the mesh has changed meanwhile, the next run
     /// makes the output again.
-    pub fn write_record(&self, output: &Output) {
+    fn write_record(&self, output: &Output) {
         let Some(whole) = self.whole() else { return };
         let unchanged = input::identity(&self.mesh).is_ok_and(|identity| identity == self.identity);
         if let (Some(path), Some(mut record)) = (output.path().and_then(place), self.record(output))
@@ -101,6 +109,34 @@ impl Provenance {
     }
 }
 
+/// The empty record of an output that is being written.
+pub struct Mark<'a> {
+    provenance: &'a Provenance,
+    output: &'a Output,
+    /// Whether a batch had made what was there before.
+    was_ours: bool,
+    /// The state of what was there before.
+    before: Option<(u64, String)>,
+}
+
+impl Mark<'_> {
+    /// Records that the output is made.
+    pub fn complete(self) {
+        self.provenance.write_record(self.output);
+    }
+
+    /// Removes the mark of an output that was not made, unless what is there now is of a batch.
+    pub fn undo(self) {
+        let now = last_state(self.output);
+        let is_ours = now.is_some() && (self.was_ours || now != self.before);
+        if let (Some(path), false) = (self.output.path().and_then(place), is_ours) {
+            let _ = std::fs::remove_file(&path);
+            // It stays if it holds other records.
+            let _ = path.parent().map(std::fs::remove_dir);
+        }
+    }
+}
+
 /// Whether a batch made the file `path`.
 pub fn is_output(path: &Path) -> bool {
     place(path).is_some_and(|record| record.is_file())
@@ -110,6 +146,11 @@ pub fn is_output(path: &Path) -> bool {
 fn place(path: &Path) -> Option<PathBuf> {
     let name = path.file_name()?.to_string_lossy().into_owned() + ".json";
     Some(folder_of(path).join(FOLDER).join(name))
+}
+
+/// The state of the file of `output` that is written last.
+fn last_state(output: &Output) -> Option<(u64, String)> {
+    state(&output.last_file()?)
 }
 
 /// Size and modification time of the file `path`.

@@ -8,14 +8,19 @@ use nystrom_stream::apps::export::obj::{has_texture, material_file, material_lib
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::ends_with;
 use nystrom_stream::store::{json, partial_name};
+use serde::de::IgnoredAny;
 use std::cell::LazyCell;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::Write;
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// Maximum number of bytes of a file name.
 const LONGEST_NAME: usize = 255;
+/// Bytes at the end of a file of lines in which its last one is looked for.
+const LONGEST_LINE: u64 = 1 << 20;
+/// How each line of a batch begins.
+const LINE_START: &[u8] = b"{\"mesh\":";
 
 /// A destination of text.
 #[derive(Clone, Debug)]
@@ -72,17 +77,37 @@ impl Sink {
             Self::Stream(path) | Self::File(path) => path,
         };
         let is_file = matches!(self, Self::File(_));
-        let opened = OpenOptions::new().append(true).create(is_file).open(path);
+        // Opened for reading too, a named pipe would not wait for its reader.
+        let opened = OpenOptions::new().read(is_file && continued).append(true).create(is_file).open(path);
         let file = opened.map_err(Error::io(path, "open"))?;
         if is_file {
             if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
                 return Err(Error::unusable(path, "is being written by another run", "give each run its own file"));
             }
-            if !continued {
+            if continued {
+                end_last_line(&file).map_err(Error::io(path, "read"))?;
+            } else {
                 file.set_len(0).map_err(Error::io(path, "truncate"))?;
             }
         }
         Ok(OpenSink::File(path.into(), file))
+    }
+}
+
+/// Removes the last line of JSON in `file` if a full disk or the end of the machine cut it short; whatever else does
+/// not end with a newline gets one.
+fn end_last_line(mut file: &File) -> std::io::Result<()> {
+    let start = file.metadata()?.len().saturating_sub(LONGEST_LINE);
+    let mut tail = Vec::new();
+    file.seek(SeekFrom::Start(start))?;
+    file.take(LONGEST_LINE).read_to_end(&mut tail)?;
+    let last = tail.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+    let line = &tail[last..];
+    let is_ours = line.starts_with(LINE_START) || LINE_START.starts_with(line);
+    match serde_json::from_slice::<IgnoredAny>(line) {
+        _ if line.is_empty() => Ok(()),
+        Err(_) if is_ours => file.set_len(start + last as u64),
+        _ => file.write_all(b"\n"),
     }
 }
 

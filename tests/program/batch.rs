@@ -210,6 +210,85 @@ fn a_folder_of_parts_is_skipped_if_it_is_whole() {
     assert!(again().contains("0 done, 0 failed, 2 skipped"));
 }
 
+/// Regression: where a run was killed or a mesh failed, its output in the folder of the meshes had no record, was taken
+/// for a mesh, and the same command with `--resume` was refused.
+#[test]
+fn what_a_failed_or_killed_run_leaves_in_the_folder_of_the_meshes_is_no_mesh() {
+    let dir = common::in_memory();
+    let grid = zoo::grid(9).write(dir.path());
+    zoo::dumbbell().write(dir.path());
+    let pattern = dir.path().join("{}.cut.ply");
+    let again = |words: &[&str]| {
+        let words = [&["segment", word(dir.path()), "-k", "2", "--resume", "-o", word(&pattern)], words].concat();
+        errors(&run(&words)).lines().next_back().unwrap_or_default().to_string()
+    };
+    assert!(again(&[]).starts_with("2 meshes: 2 done"));
+    let whole = std::fs::read(&grid).unwrap();
+    std::fs::write(&grid, &whole[..whole.len() / 2]).unwrap();
+    assert!(again(&[]).starts_with("2 meshes: 0 done, 1 failed, 1 skipped"));
+    std::fs::write(&grid, &whole).unwrap();
+    assert!(again(&[]).starts_with("2 meshes: 1 done, 0 failed, 1 skipped"));
+    assert!(again(&[]).starts_with("2 meshes: 0 done, 0 failed, 2 skipped"));
+    // Killed as soon as the first output is there, long before the second is.
+    let slow = common::creature(dir.path(), 20_000, false);
+    let (first, second) = (dir.path().join("creature_20000.cut.ply"), dir.path().join("{}.html"));
+    let words = ["segment", word(dir.path()), "-k", "2", "--resume", "-q", "-o", word(&pattern), "-o", word(&second)];
+    let mut child = program().args(words).spawn().unwrap();
+    while !first.exists() && child.try_wait().unwrap().is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    let _ = child.kill();
+    child.wait().unwrap();
+    std::fs::remove_file(slow).unwrap();
+    assert!(first.exists());
+    assert!(again(&[]).starts_with("2 meshes: "));
+}
+
+/// A mesh that fails in a folder of its own leaves no record there.
+#[test]
+fn a_failed_mesh_leaves_no_folder_of_records() {
+    let dir = common::in_memory();
+    std::fs::write(dir.path().join("bad.ply"), "ply\n").unwrap();
+    let output = run(&["segment", word(dir.path()), "-q"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+}
+
+/// Regression: a mesh counted as done before its line was written, so that a full disk or a kill could lose the line
+/// for good; and a line that was cut short spoiled the next one.
+#[cfg(unix)]
+#[test]
+fn every_mesh_that_is_done_has_its_line() {
+    let dir = common::in_memory();
+    let (mesh, out, file) = (zoo::grid(9).write(dir.path()), dir.path().join("{}.seg"), dir.path().join("all.jsonl"));
+    let again = |lines: &Path| {
+        let lines = format!("--json-lines={}", word(lines));
+        run(&["segment", word(&mesh), "-k", "2", "-q", "--resume", &lines, "-o", word(&out)])
+    };
+    if Path::new("/dev/full").exists() {
+        assert_eq!(again(Path::new("/dev/full")).status.code(), Some(1));
+    }
+    let expected = |count: usize| {
+        let told = lines(&std::fs::read(&file).unwrap());
+        assert!(told.len() == count && told[0]["faces"] == 162, "{told:?}");
+    };
+    assert!(again(&file).status.success());
+    expected(1);
+    let whole = std::fs::read(&file).unwrap();
+    for torn in [&whole[..3], &whole[..whole.len() / 2]] {
+        std::fs::write(&file, [&whole[..], torn].concat()).unwrap();
+        assert!(again(&file).status.success());
+        expected(2);
+    }
+    // A line that only lacks its end stays, as does what is none.
+    std::fs::write(&file, &whole[..whole.len() - 1]).unwrap();
+    assert!(again(&file).status.success());
+    expected(2);
+    std::fs::write(&file, "notes").unwrap();
+    assert!(again(&file).status.success());
+    assert!(std::fs::read_to_string(&file).unwrap().starts_with("notes\n{"));
+}
+
 /// Regression: `matches no file` and `holds no mesh` were said of outputs, which are skipped.
 #[test]
 fn a_folder_of_outputs_alone_is_told_of() {
