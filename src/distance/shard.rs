@@ -78,8 +78,8 @@ struct Shard {
     rows: MappedSlice<f32>,
 }
 
-/// Merges the shards in `work` and removes their files. Every row's checksum is verified. If there are no shards but
-/// finished rows, those of an earlier call are returned.
+/// Merges the shards in `work` and removes their files. Every row's checksum is verified. If rows are finished and
+/// there are no shards, or only some of the same rows, those of an earlier call or of a single process are returned.
 ///
 /// # Errors
 /// [`Error::WorkDir`] if shards are missing, unfinished, damaged, or of different options; [`Error::Io`].
@@ -87,11 +87,13 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     let shards = match find(context.work) {
         Ok(shards) => shards,
         Err(error) => {
-            let merged = if any(context.work)? { None } else { DistanceRows::finished(context.work) };
-            if merged.is_some() {
-                context.run.progress.note_of_work("merge: already done");
+            let Some(rows) = DistanceRows::finished(context.work) else { return Err(error) };
+            remove_of(&rows.key, context.work)?;
+            if any(context.work)? {
+                return Err(error);
             }
-            return merged.ok_or(error);
+            context.run.progress.note_of_work("merge: already done");
+            return Ok(rows);
         }
     };
     let spec = JobSpec { shard: 0, of: 1, ..shards[0].spec.clone() };
@@ -117,14 +119,24 @@ pub fn merge(context: Context<'_>) -> Result<DistanceRows> {
     rows.record_stage(&spec, seconds, context.work)?;
     // Merged shards are removed even if their journals cannot be read again, and so are those of another division of
     // the same rows.
-    let read = journals(context.work)?.into_iter().filter_map(|path| Journal::read(&path));
-    let others = read.map(|(one, _)| one).filter(|one| one.key == spec.key);
-    for one in shards.into_iter().map(|shard| shard.spec).chain(others) {
-        let stem = stem(one.shard, one.of);
-        context.work.remove(&format!("{stem}.npy"));
-        context.work.remove(&format!("{stem}.journal"));
+    for shard in shards {
+        remove(&shard.spec, context.work);
     }
+    remove_of(&spec.key, context.work)?;
     Ok(rows)
+}
+
+/// Removes the shards in `work` of the rows `key`.
+fn remove_of(key: &str, work: &WorkDir) -> Result<()> {
+    let read = journals(work)?.into_iter().filter_map(|path| Journal::read(&path));
+    read.filter(|(spec, _)| spec.key == key).for_each(|(spec, _)| remove(&spec, work));
+    Ok(())
+}
+
+/// Removes a shard.
+fn remove(spec: &JobSpec, work: &WorkDir) {
+    let stem = stem(spec.shard, spec.of);
+    ["npy", "npy.partial", "journal"].iter().for_each(|end| work.remove(&format!("{stem}.{end}")));
 }
 
 /// Whether `work` has shards, complete or not.

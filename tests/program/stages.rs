@@ -373,6 +373,26 @@ fn a_mesh_from_standard_input_stays_in_the_work_directory() {
     assert!(piped(&other, &["--force"]).status.success());
 }
 
+/// Regression: `merge` asked for the missing shards of rows that one process had computed meanwhile, and `rows --shard`
+/// said that these are merged already.
+#[test]
+fn shards_of_rows_that_one_process_has_computed_are_merged() {
+    let dir = common::in_memory();
+    let mesh = zoo::grid(9).write(dir.path());
+    let (mesh, work) = (word(&mesh), dir.path().join("work"));
+    stage(&["rows", mesh, "-l", "6", "--shard", "0/2"], &work);
+    assert!(refused(&["merge"], &work, 1).contains("this shard is missing"));
+    stage(&["rows", mesh, "-l", "6"], &work);
+    let before = std::fs::read(work.join("distances.npy")).unwrap();
+    stage(&["merge"], &work);
+    assert!(std::fs::read(work.join("distances.npy")).unwrap() == before);
+    assert!(!work.join("rows-0-of-2.npy").exists() && !work.join("rows-0-of-2.journal").exists());
+    // Those of other rows still wait for theirs.
+    stage(&["rows", mesh, "-l", "7", "--shard", "0/2"], &work);
+    assert!(refused(&["merge"], &work, 1).contains("this shard is missing"));
+    assert!(work.join("rows-0-of-2.npy").exists());
+}
+
 #[test]
 fn what_is_missing_is_said() {
     let dir = tempfile::tempdir().unwrap();
