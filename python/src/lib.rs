@@ -17,6 +17,7 @@ use mesh::PyMesh;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, ToPyArray};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::error::refusal;
+use nystrom_stream::mesh::{MeshSize, size_of_mesh};
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::spectral::EmbeddingParams;
 use nystrom_stream::{Error, Segmenter};
@@ -157,6 +158,34 @@ fn segment<'py>(
     ))
 }
 
+/// What `segment` takes, as JSON: of the mesh in the file `path`, which is not read for it, or else of `mesh`.
+#[pyfunction]
+#[pyo3(signature = (path, mesh, params, calibrate, work_dir, seed, threads, max_memory, tmp))]
+fn plan(
+    py: Python<'_>,
+    path: PathBuf,
+    mesh: Option<&PyMesh>,
+    params: &str,
+    calibrate: bool,
+    work_dir: Option<PathBuf>,
+    seed: u64,
+    threads: Option<usize>,
+    max_memory: Option<u64>,
+    tmp: Option<PathBuf>,
+) -> PyResult<String> {
+    let segmenter = Segmenter::with_params(checked(params)?);
+    let segmenter = work_dir.into_iter().fold(segmenter, |segmenter, folder| segmenter.work_dir(folder));
+    let mesh = mesh.map(PyMesh::current).transpose()?;
+    let mut found = watched(py, None, |listener, cancel| {
+        let size = mesh.map_or_else(|| size_of_mesh(&path), |mesh| Ok(MeshSize::of(mesh)))?;
+        with_options!(segmenter, seed, threads, max_memory, tmp, listener, cancel).plan(&path, size, calibrate)
+    })?;
+    // Who plans wants to see what is missing, so it is no exception.
+    found.notes.extend(found.shortage.as_ref().map(|error| format!("warning: {error}")));
+    found.notes.iter_mut().for_each(|note| *note = reworded(note));
+    text(&found)
+}
+
 /// Parameters from JSON, which make sense for some mesh at least.
 fn checked(params: &str) -> PyResult<SegmentParams> {
     let told = |error: serde_json::Error| {
@@ -193,6 +222,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyMesh>()?;
     module.add_class::<PyDecision>()?;
     module.add_function(wrap_pyfunction!(segment, module)?)?;
+    module.add_function(wrap_pyfunction!(plan, module)?)?;
     module.add_function(wrap_pyfunction!(check_params, module)?)?;
     module.add_function(wrap_pyfunction!(default_params, module)?)?;
     module.add_function(wrap_pyfunction!(default_embedding, module)?)?;

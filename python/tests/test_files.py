@@ -180,3 +180,31 @@ def test_a_file_is_read_as_the_call_says(tmp_path, monkeypatch):
 
     with pytest.raises(RuntimeError, match="read"):
         nystrom_stream.segment(path, progress=stop, tmp=tmp)
+
+
+def test_a_plan_is_the_programs_report(tmp_path):
+    mesh = dumbbell()
+    path, work = tmp_path / "mesh.ply", tmp_path / "work"
+    nystrom_stream.segment(*mesh, 2).save(path)
+    options = {"cluster": "kmeans", "landmarks": 12, "threads": 1, "max_memory": "64MiB"}
+    told = nystrom_stream.plan(path, parts=3, calibrate=False, work_dir=work, **options)
+    assert set(told) == {"mesh", "landmarks", "stages", "memory", "disk", "disk_peak", "disk_peak_smooth", "random_access_bytes",
+                         "seconds", "seconds_rough", "notes"}
+    assert told["mesh"]["faces"] == len(mesh[1]) and told["landmarks"] == 12 and told["notes"] == []
+    assert told["seconds"] is None and not work.exists()
+    # Of arrays in memory, of which nothing is decoded: the same, except that the arrays of a work directory are on the disk.
+    held = nystrom_stream.plan(*mesh, 3, calibrate=False, **options)
+    assert held["mesh"]["vertices"] == told["mesh"]["vertices"] and held["disk"] < told["disk"]
+    cut = nystrom_stream.segment(path, parts=3, work_dir=work, **options)
+    kept = sum(file.stat().st_size for file in work.rglob("*") if file.is_file())
+    assert 0.8 < told["disk"] / kept < 1.2, (told["disk"], kept)
+    assert nystrom_stream.plan(cut, calibrate=False)["mesh"]["faces"] == len(mesh[1])
+    timed = nystrom_stream.plan(path, tmp=tmp_path, edits=[{"edit": "drop", "at": 0}], names=["a"], force=True)
+    assert 0 < timed["seconds"] <= timed["seconds_rough"] and sum(stage["seconds"] for stage in timed["stages"]) > 0
+    assert any(note.endswith("although `max_memory` is 1.05 MB") for note in nystrom_stream.plan(path, max_memory="1MiB")["notes"])
+    with pytest.raises(FileNotFoundError):
+        nystrom_stream.plan(tmp_path / "none.ply")
+    with pytest.raises(ValueError, match="choose fewer parts"):
+        nystrom_stream.plan(path, parts=100_000)
+    with pytest.raises(ValueError, match="landmarks: -3 is too small"):
+        nystrom_stream.plan(path, landmarks=-3)

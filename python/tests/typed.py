@@ -18,6 +18,7 @@ vertices, faces = ns.read_mesh("mesh.ply")
 found = ns.correspond(vertices, faces, vertices, faces, matching="mutual", refine="laplacian", partial=True)
 ns.correspond(cut, cut, sampling="random", distance="edges", sigma=0.5, work_dir="work")
 ns.evaluate(cut, ["a.seg", Path("b.npy")]), ns.picture("mesh.ply", Path("labels.seg")), cut.cells
+print(ns.plan("mesh.ply", parts=4, calibrate=False, work_dir=Path("work"))["memory"])
 carried = ns.transfer_labels(cut, (vertices, faces))
 image = ns.picture(cut, size=(320, 200), up="-y")
 order = ns.sequence(vertices, faces, order="hilbert").order

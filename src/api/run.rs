@@ -127,19 +127,27 @@ impl RunOptions {
         let silent: &dyn Progress = &();
         let progress = self.progress.as_deref().map_or(silent, |progress| progress);
         let recording = Recording { progress, log: RunLog::default() };
-        let mut run = Run::new(&recording);
+        let run = self.run(&recording);
+        let place = match &self.work_dir {
+            Some(folder) => WorkDir::open(folder)?,
+            None => WorkDir::in_memory(&self.temporary_folder(), &run.budget),
+        };
+        catch(|| work(Context::new(&place, &run), &recording.log))?
+    }
+
+    /// The run given by the options, which reports to `progress`.
+    pub(super) fn run<'a>(&self, progress: &'a dyn Progress) -> Run<'a> {
+        let mut run = Run::new(progress);
         run.threads = self.threads.unwrap_or(run.threads);
         run.budget = self.memory.map_or(run.budget, Budget::new);
         run.cancel = self.cancel.clone();
         run.seed = self.seed;
-        let place = match &self.work_dir {
-            Some(folder) => WorkDir::open(folder)?,
-            None => {
-                let parent = self.temporary.clone().unwrap_or_else(std::env::temp_dir);
-                WorkDir::in_memory(&parent, &run.budget)
-            }
-        };
-        catch(|| work(Context::new(&place, &run), &recording.log))?
+        run
+    }
+
+    /// The folder for data that do not fit in memory.
+    pub(super) fn temporary_folder(&self) -> PathBuf {
+        self.temporary.clone().unwrap_or_else(std::env::temp_dir)
     }
 }
 

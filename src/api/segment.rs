@@ -13,9 +13,10 @@ use crate::base::Result;
 use crate::cluster::parts::{Decision, PartCount, PartTree};
 use crate::graph::{Metric, Order};
 use crate::landmarks::Sampling;
-use crate::mesh::{Labelling, Mesh};
+use crate::mesh::{Labelling, Mesh, MeshSize};
 use crate::pipeline::decision::KeptDecision;
 use crate::pipeline::edits::Corrections;
+use crate::pipeline::forecast::{Forecast, Place};
 use crate::pipeline::report::Report;
 use crate::pipeline::{self, Boundaries, Cluster, SegmentParams, TinyComponents, Walls, cuts};
 use crate::spectral::EmbeddingParams;
@@ -213,6 +214,31 @@ impl Segmenter {
     pub fn hints(mut self, values: Vec<u32>) -> Self {
         self.hints = Some(values);
         self
+    }
+
+    /// What a run takes, before it starts: memory, disk and time of cutting the mesh at `path`, whose size is known
+    /// from [`size_of_mesh`](crate::mesh::size_of_mesh) or [`MeshSize::of`]. Seconds take a calibration of about as
+    /// long as a run, at most some six seconds; they are left out unless `calibrated`. The options' work directory is
+    /// not opened, and taken as empty; edits and hints are not counted.
+    ///
+    /// # Errors
+    /// As [`Forecast::new`].
+    ///
+    /// ```
+    /// # fn main() -> nystrom_stream::Result<()> {
+    /// use nystrom_stream::mesh::MeshSize;
+    /// use nystrom_stream::{Mesh, Segmenter};
+    /// let mesh = Mesh::creature(4_000)?;
+    /// let forecast = Segmenter::new().plan(mesh.path(), MeshSize::of(&mesh), false)?;
+    /// assert!(forecast.plan.memory > 0 && forecast.plan.seconds.is_none());
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn plan(&self, path: &Path, size: MeshSize, calibrated: bool) -> Result<Forecast> {
+        let temporary = self.options.temporary_folder();
+        let folder = self.options.work_dir.as_deref();
+        let place = Place { folder: folder.unwrap_or(&temporary), lasting: folder.is_some() };
+        Forecast::new(path, size, &self.params, place, calibrated, &self.options.run(&()))
     }
 
     /// Cuts `mesh`.

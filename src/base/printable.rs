@@ -1,4 +1,5 @@
-//! Text from files made safe to display: on one line, and without control characters that a terminal would act on.
+//! Numbers for people, and text from files made safe to display: on one line, and without control characters that a
+//! terminal would act on.
 //!
 //! A file name, a property name in a header or a line of a damaged file may contain escape sequences, line breaks or
 //! marks that reverse the writing direction. Messages show them in Rust's notation, `\u{1b}`, so that a message stays
@@ -11,6 +12,16 @@ use std::borrow::Cow;
 fn is_control(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
+}
+
+/// Formats 1234567 as 1.23 M.
+pub fn human(x: f64) -> String {
+    match x {
+        x if x >= 1e9 => format!("{:.2} G", x / 1e9),
+        x if x >= 1e6 => format!("{:.2} M", x / 1e6),
+        x if x >= 1e4 => format!("{:.1} k", x / 1e3),
+        x => format!("{x:.0}"),
+    }
 }
 
 /// `text` on one line.

@@ -2,13 +2,13 @@
 
 use super::options::{AppContext, CliError, RunArgs, ScratchArgs};
 use super::output::Output;
-use super::progress::human;
 use super::segment::{self, Job, SegmentArgs, Task};
 use super::sink::print;
 use clap::Parser;
 use nystrom_stream::apps::creature::{Creature, Options, parse_faces};
 use nystrom_stream::apps::evaluate::{contingency, matches, rand};
 use nystrom_stream::base::Error;
+use nystrom_stream::base::printable::human;
 use nystrom_stream::mesh::seg;
 use nystrom_stream::pipeline::labels::Part;
 use std::path::PathBuf;

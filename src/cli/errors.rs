@@ -106,7 +106,7 @@ fn flag(name: &str) -> Option<&'static str> {
 
 /// `text` with a flag for each option between backticks, and a command for each stage; other words between backticks
 /// are kept.
-fn with_flags(text: &str) -> String {
+pub fn with_flags(text: &str) -> String {
     let made = |text: String, (stage, command): &(&str, &str)| text.replace(&format!("stage `{stage}`"), command);
     let named = |text: String, (option, flag): &(&str, &str)| text.replace(&format!("`{option}`"), flag);
     FLAGS.iter().fold(STAGES.iter().fold(text.to_string(), made), named)

@@ -3,11 +3,11 @@
 use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs, WorkDirArgs, either};
 use super::output::{JsonArgs, Significant};
-use super::progress::{counted, human, tell_error};
+use super::progress::{counted, tell_error};
 use super::sink::{check_places, scratch_beside};
 use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
-use nystrom_stream::base::printable::line;
+use nystrom_stream::base::printable::{human, line};
 use nystrom_stream::mesh::import;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};

@@ -1,20 +1,19 @@
 //! `plan`: memory, disk and time of a run, before it starts.
 
+use super::errors::with_flags;
 use super::method::MethodArgs;
 use super::options::{AppContext, CliError, ResourceArgs, ScratchArgs};
 use super::output::JsonArgs;
-use super::progress::{human, words};
+use super::progress::words;
 use super::sink::{check_places, scratch_beside};
 use nystrom_stream::base::Result;
+use nystrom_stream::base::printable::human;
 use nystrom_stream::mesh::size_of_mesh;
 use nystrom_stream::pipeline::SegmentParams;
-use nystrom_stream::pipeline::calibrate::calibrate;
-use nystrom_stream::pipeline::plan::{Plan, StageTime, order_is_open};
-use nystrom_stream::store::disk_speed::DiskSpeed;
+use nystrom_stream::pipeline::forecast::{Forecast, Place};
+use nystrom_stream::pipeline::plan::Plan;
 use nystrom_stream::store::json::value as to_json;
-use nystrom_stream::store::{Budget, Context, Run};
-use serde_json::json;
-use std::collections::BTreeMap;
+use nystrom_stream::store::{Context, Run};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -40,16 +39,6 @@ pub struct PlanArgs {
     pub scratch: ScratchArgs,
 }
 
-/// Bytes available to the page cache while a run allocates what is planned.
-fn page_cache(plan: &Plan) -> Option<u64> {
-    Some(Budget::machine_limit()?.saturating_sub(plan.memory))
-}
-
-/// A warning if the budget makes the run slow.
-fn warning(plan: &Plan) -> Option<String> {
-    plan.warning(page_cache(plan)?)
-}
-
 /// Rejects a run that does not fit on the disk under `work`, and warns of one that will be slow.
 pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Result<()> {
     let Ok(size) = size_of_mesh(path) else {
@@ -64,7 +53,7 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
     plan.check_size(path)?;
     let (folder, there) = (context.work.path(), context.work.bytes());
     plan.check_disk(folder, there)?;
-    for text in plan.disk_warning(folder, there).into_iter().chain(warning(&plan)) {
+    for text in plan.disk_warning(folder, there).into_iter().chain(plan.warning()) {
         context.run.progress.note_of_work(&text);
     }
     Ok(())
@@ -79,42 +68,16 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     let params = args.method.params()?;
     let run = Run { seed: args.seed.unwrap_or(0), ..args.resources.run(&(), app) };
     let size = size_of_mesh(&args.mesh)?;
-    let lasting = args.work_dir.is_some();
-    let plan = Plan::new(size, &params, false, lasting, &run);
-    plan.check_size(&args.mesh)?;
-    params.check_for(&args.mesh, size.faces)?;
-    params.check_memory(size.faces, &run)?;
     let folder = args.work_dir.clone().or(args.scratch.tmp.clone()).unwrap_or_else(|| scratch_beside(&args.mesh));
-    // A work directory may not exist yet; its disk is that of the nearest existing folder above it.
-    let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new(".")).to_path_buf();
-    let measured = calibrate(&params, plan.landmarks, size.faces, &folder, lasting, &run)?;
-    let time_of = |of: &BTreeMap<String, StageTime>, stage: &str| of.get(stage).copied().unwrap_or_default();
-    let mut plan = plan.with_times(|stage| time_of(&measured.smooth, stage), |stage| time_of(&measured.rough, stage));
-    if let Some(cache) = page_cache(&plan).filter(|&cache| plan.random_access_bytes > cache) {
-        plan = plan.with_waits(DiskSpeed::measure(&folder)?, cache);
-    }
-    let (mut text, mut notes) = (table(&plan), Vec::new());
-    if order_is_open(&params, size.faces) {
-        let sorted = Plan::new(size, &params, true, lasting, &run);
-        let more = human((sorted.disk_peak - plan.disk_peak) as f64);
-        notes.push(format!("if the order of the file is poor: {more}B more disk space, to sort faces along a curve"));
-    }
-    if plan.memory > run.budget.total() {
-        let (needed, budget) = (human(plan.memory as f64), human(run.budget.total() as f64));
-        notes.push(format!(
-            "warning: at least {needed}B are allocated whatever the mesh, although --max-memory is {budget}B"
-        ));
-    }
-    let short_of_disk = plan.check_disk(&folder, 0);
-    let of_disk = plan.disk_warning(&folder, 0).filter(|_| short_of_disk.is_ok());
-    notes.extend(warning(&plan).into_iter().chain(of_disk).map(|warning| format!("warning: {warning}")));
-    for note in &notes {
+    let place = Place { folder: &folder, lasting: args.work_dir.is_some() };
+    let mut forecast = Forecast::new(&args.mesh, size, &params, place, true, &run)?;
+    forecast.notes.iter_mut().for_each(|note| *note = with_flags(note));
+    let mut text = table(&forecast.plan);
+    for note in &forecast.notes {
         let _ = writeln!(text, "{note}");
     }
-    let mut report = to_json("the plan", &plan)?;
-    report["notes"] = json!(notes);
-    args.json.publish_or_print(&report, &text)?;
-    Ok(short_of_disk?)
+    args.json.publish_or_print(&to_json("the plan", &forecast)?, &text)?;
+    Ok(forecast.shortage.map_or(Ok(()), Err)?)
 }
 
 /// The plan as a table.

@@ -6,7 +6,8 @@
 //! [`STAGES`].
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
-use nystrom_stream::base::{Progress, RunLog, printable};
+use nystrom_stream::base::printable::{self, human};
+use nystrom_stream::base::{Progress, RunLog};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
@@ -114,16 +115,6 @@ impl Stage {
         let done = human(self.done as f64);
         let of = if self.total > 0 { format!(" of {}", human(self.total as f64)) } else { String::new() };
         format!("{:16} {seconds:8.0} s  {done}{of} {unit} so far", words(name))
-    }
-}
-
-/// Formats 1234567 as 1.23 M.
-pub fn human(x: f64) -> String {
-    match x {
-        x if x >= 1e9 => format!("{:.2} G", x / 1e9),
-        x if x >= 1e6 => format!("{:.2} M", x / 1e6),
-        x if x >= 1e4 => format!("{:.1} k", x / 1e3),
-        x => format!("{x:.0}"),
     }
 }
 

@@ -3,7 +3,7 @@
 //! The header of a PLY has the counts, and the file size shows whether they are possible. Cost: microseconds for a PLY,
 //! compressed or not; one pass over the text of an OBJ or OFF.
 
-use super::geometry::{empty, no_faces};
+use super::geometry::{Mesh, empty, no_faces};
 use super::import;
 use super::ply::{Encoding, Kind, header};
 use crate::base::{Error, Result};
@@ -26,6 +26,15 @@ pub struct MeshSize {
     pub decoded: u64,
     /// Whether the faces are triangle strips, whose lengths headers do not give: `faces` is then an upper bound.
     pub strips: bool,
+}
+
+impl MeshSize {
+    /// The size of an open mesh, of which nothing has to be decoded any more.
+    pub fn of(mesh: &Mesh) -> Self {
+        let [faces, vertices, corners] =
+            [mesh.faces.len(), mesh.positions.len(), mesh.faces.corner_count()].map(|count| count as u64);
+        Self { faces, vertices, corners, decoded: 0, strips: false }
+    }
 }
 
 /// Whether `path` is a pipe, such as a shell's <(…), or a device: it can be read only once, and has no size.

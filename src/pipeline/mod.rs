@@ -5,7 +5,7 @@
 //!                                                            └▶ cells ─▶ parts ─▶ boundaries ─┘
 //! ```
 //! Every arrow is a stage in the work directory, reused if its inputs and options are the same. [`recipe`] reads like
-//! this picture; [`plan`] estimates the cost beforehand.
+//! this picture; [`plan`] estimates the cost beforehand, and [`forecast`] tells it.
 
 pub mod admission;
 pub mod calibrate;
@@ -17,6 +17,7 @@ pub mod cuts;
 pub mod decision;
 pub mod edits;
 pub mod embed;
+pub mod forecast;
 pub mod input;
 pub mod labels;
 #[cfg(feature = "correspondence")]

@@ -20,7 +20,7 @@ use crate::mesh::MeshSize;
 use crate::mesh::geometry::check_size;
 use crate::store::disk_speed::DiskSpeed;
 use crate::store::needs::{BASE, BudgetEstimate, Extent, Needs};
-use crate::store::{Run, Stage};
+use crate::store::{Budget, Run, Stage};
 use serde::Serialize;
 use std::ops::AddAssign;
 use std::path::Path;
@@ -337,9 +337,16 @@ impl Plan {
         (needed > available).then_some((needed, available))
     }
 
-    /// A one-line warning if the run will be slow for lack of memory; `cache`: bytes available to the page cache.
-    pub fn warning(&self, cache: u64) -> Option<String> {
-        (self.random_access_bytes > cache).then(|| {
+    /// Bytes that the page cache of this machine can hold while the run allocates what is planned, if they are too few
+    /// for what fronts access.
+    pub fn short_cache(&self) -> Option<u64> {
+        let cache = Budget::machine_limit()?.saturating_sub(self.memory);
+        (self.random_access_bytes > cache).then_some(cache)
+    }
+
+    /// A one-line warning if the run will be slow for lack of memory.
+    pub fn warning(&self) -> Option<String> {
+        self.short_cache().map(|cache| {
             format!(
                 "fronts traverse {:.1} GB of mapped files, but only {:.1} GB of memory are left to cache them: expect \
                  waits for the disk",
@@ -359,7 +366,6 @@ pub fn order_is_open(params: &SegmentParams, faces: u64) -> bool {
 mod tests {
     use super::*;
     use crate::cluster::parts::PartsParams;
-    use crate::store::Budget;
 
     /// A billion faces with a budget of 2 GiB.
     fn plan() -> Plan {

@@ -6,7 +6,7 @@
 >>> cut.cut(3)                                  # another number of parts, at once
 >>> cut.save("parts.glb")
 
-Besides cutting, `correspond` matches two meshes, `transfer_labels` copies labels to another version of a mesh, `evaluate` scores
+Besides cutting, `plan` predicts what a cut takes, `correspond` matches two meshes, `transfer_labels` copies labels to another version of a mesh, `evaluate` scores
 labels against human ones, `picture` draws, `sequence` orders a mesh for streaming, `quality` measures samples of landmarks, and
 `measure` measures a mesh. All release the GIL while they work and stop on Ctrl-C; those with a `progress` argument report progress
 to it.
@@ -17,6 +17,7 @@ from ._functions import (
     evaluate,
     measure,
     picture,
+    plan,
     quality,
     read_mesh,
     segment,
@@ -37,6 +38,7 @@ __all__ = [
     "evaluate",
     "measure",
     "picture",
+    "plan",
     "quality",
     "read_mesh",
     "segment",

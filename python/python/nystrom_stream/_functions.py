@@ -207,6 +207,42 @@ def segment_file(path: Path, parts: Optional[int] = None, **options: Any) -> Seg
     return segment(path, parts=parts, **options)
 
 
+def plan(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, calibrate: bool = True,
+         parts_range: Optional[tuple[int, int]] = None, detail: float = 0.0, cluster: Cluster = "parts",
+         decision: Optional[Decision] = None, tiny_components: Optional[TinyComponents] = None, walls: Optional[Walls] = None,
+         boundaries: Optional[Boundaries] = None, landmarks: Optional[int] = None, sampling: Optional[Sampling] = None,
+         exact: bool = False, metric: Metric = "scale-free", beta: Optional[float] = None, eta: Optional[float] = None,
+         delta: Optional[float] = None, order: Order = "auto", kernel: Optional[Kernel] = None, sigma: Optional[float] = None,
+         normalise: Optional[Normalise] = None, unit_rows: Optional[bool] = None, edits: Optional[Edits] = None,
+         hints: Union[ArrayLike, str, None] = None, names: Optional[Names] = None, seed: int = 0, threads: Optional[int] = None,
+         max_memory: Bytes = None, work_dir: Optional[Path] = None, force: bool = False, tmp: Optional[Path] = None,
+         progress: Progress = None) -> dict[str, Any]:
+    """Predicts what `segment` takes with the same arguments, before it starts: a dict, the report of `nystrom-stream plan --json`.
+
+    Of a file only the header is read; of a text format its lines are counted.
+
+    calibrate: measure the pace of this machine, in about the time of the run, at most some six seconds. Without, there are no seconds.
+    edits, hints, names, force and progress change nothing.
+
+    memory (peak bytes allocated), disk and disk_peak (bytes in the work directory at the end and at most; disk_peak_smooth for a smooth
+    surface), random_access_bytes (what free memory should hold for full speed), seconds and seconds_rough (for a rough surface, such as
+    a raw scan); stages, a list of dicts with the same by stage; mesh (its size), landmarks, and notes: a list of warnings, such as a
+    disk that is too small.
+    """
+    if isinstance(faces, (int, np.integer)):
+        raise TypeError(f"faces: {faces} is a number; write parts={faces}")
+    params = _params(_optional("parts", parts), parts_range, detail, cluster, decision, tiny_components, walls, boundaries, landmarks,
+                     sampling, exact, _metric(metric, beta, eta, delta), order, kernel, sigma, normalise, unit_rows)
+    run = run_options(threads, max_memory, tmp, progress)
+    is_file = faces is None and isinstance(mesh, (str, bytes, os.PathLike))
+    known = None if is_file else as_mesh(mesh, faces, run)
+    path = as_path("mesh", mesh) if known is None else known.path
+    folder = None if work_dir is None else as_path("work_dir", work_dir)
+    predicted: dict[str, Any] = json.loads(
+        _native.plan(path, known, params, flag("calibrate", calibrate), folder, _seed(seed), *run[:3]))
+    return predicted
+
+
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
     """Reads a mesh file: vertices (v, 3) float64 and triangles (n, 3) uint32; polygons are split into triangles."""
     mesh = _native.Mesh.open(as_path("path", path), *DEFAULT)

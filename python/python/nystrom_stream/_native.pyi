@@ -24,6 +24,7 @@ __all__ = [
     "measure_parts",
     "part_colours",
     "picture",
+    "plan",
     "quality",
     "read_labels",
     "read_names",
@@ -75,6 +76,10 @@ def segment(
     mesh: Mesh, params: str, edits: Optional[str], hints: Optional[_Labels], work_dir: Optional[_Path], force: bool, seed: int,
     threads: Optional[int], max_memory: Optional[int], tmp: Optional[_Path], progress: _Progress,
 ) -> tuple[_Labels, NDArray[np.float32], NDArray[np.uint8], Optional[_Labels], Optional[Decision], list[str], str]: ...
+def plan(
+    path: _Path, mesh: Optional[Mesh], params: str, calibrate: bool, work_dir: Optional[_Path], seed: int, threads: Optional[int],
+    max_memory: Optional[int], tmp: Optional[_Path],
+) -> str: ...
 def correspond(
     a: Mesh, b: Mesh, matching: str, refine: str, partial: bool, transfer: bool, alternative: int, vectors: Optional[int],
     sigma: float, landmarks: Optional[int], sampling: str, distance: str, work_dir: Optional[_Path], force: bool, seed: int,
