@@ -4,7 +4,7 @@
 
 use super::options::CliError;
 use nystrom_stream::apps::export::Form;
-use nystrom_stream::apps::export::obj::{has_texture, material_file, material_libraries};
+use nystrom_stream::apps::export::obj::{has_texture, material_file, material_libraries, uses_materials};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::ends_with;
 use nystrom_stream::store::{json, partial_name};
@@ -209,7 +209,10 @@ pub fn check_distinct<'a>(
     outputs: impl IntoIterator<Item = &'a PathBuf>,
 ) -> Result<(), CliError> {
     let stdout = Path::new("-");
-    let given: Vec<&PathBuf> = inputs.into_iter().filter(|path| *path != stdout).collect();
+    let given: Vec<&PathBuf> = inputs.into_iter().collect();
+    // An OBJ with materials keeps them, and gets no others.
+    let keeps_materials = LazyCell::new(|| !given.is_empty() && given.iter().all(|path| uses_materials(path)));
+    let given: Vec<&PathBuf> = given.iter().copied().filter(|path| *path != stdout).collect();
     let inputs: HashSet<PathBuf> = given.iter().filter_map(|path| place(path)).collect();
     let libraries = LazyCell::new(|| given.iter().flat_map(|path| material_libraries(path)).collect::<Vec<_>>());
     // Finding the libraries takes a pass over each OBJ, so other names are not looked up.
@@ -240,10 +243,10 @@ pub fn check_distinct<'a>(
     let mut implied = BTreeSet::new();
     for path in seen.values().filter(|path| **path != stdout) {
         let materials = (Form::of(path) == Some(Form::Obj)).then(|| material_file(path));
-        for file in [partial_name(path)].into_iter().chain(materials) {
+        for (file, is_material) in [(partial_name(path), false)].into_iter().chain(materials.map(|file| (file, true))) {
             // Links in their places are replaced, not followed.
             let Some(place) = own_place(&file) else { continue };
-            if seen.contains_key(&place) || !implied.insert(place) {
+            if (seen.contains_key(&place) || !implied.insert(place)) && !(is_material && *keeps_materials) {
                 let (file, path) = (file.display(), path.display());
                 let text = format!("{path}: {file} is written with it, and is another output; choose another file");
                 return Err(CliError::Usage(text));

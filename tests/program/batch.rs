@@ -435,6 +435,15 @@ fn nothing_is_written_over_an_input_or_another_output() {
         let told = format!("{} is written with it, and is another output", word(report));
         assert!(output.status.code() == Some(2) && errors(&output).contains(&told), "{}", errors(&output));
     }
+    // Regression: the report was refused too where no materials come with the OBJ, since it has its own.
+    let own = dir.path().join("own.obj");
+    std::fs::write(&own, "mtllib own.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl skin\nf 1 2 3\n").unwrap();
+    let report = format!("--json={}", word(&materials));
+    let output = run(&["segment", word(&own), "-q", "-k", "1", "-o", word(&obj), &report]);
+    assert!(output.status.success(), "{}", errors(&output));
+    assert!(std::fs::read_to_string(&materials).unwrap().starts_with('{'));
+    assert!(std::fs::read_to_string(&obj).unwrap().contains("usemtl skin"));
+    [&obj, &materials].into_iter().for_each(|file| std::fs::remove_file(file).unwrap());
     // Regression: `picture scan.obj` drew over a texture of the scan.
     let [scan, texture, skin] = ["scan.obj", "scan.png", "my skin.png"].map(|name| dir.path().join(name));
     let text = "mtllib scan.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl skin\nf 1 2 3\n";

@@ -231,6 +231,13 @@ pub fn material_libraries(path: &Path) -> BTreeSet<PathBuf> {
     lines.flat_map(|(keyword, text)| libraries(&text[keyword.len()..], folder(path))).collect()
 }
 
+/// Whether the OBJ file `path` assigns materials, which are kept; one pass over its text up to the first. False if it
+/// is no OBJ, or compressed.
+pub fn uses_materials(path: &Path) -> bool {
+    let bytes = content(path).filter(|bytes| import::name(path, bytes) == "OBJ");
+    bytes.is_some_and(|bytes| statements(&bytes).any(|(keyword, _)| keyword == b"usemtl"))
+}
+
 /// Whether the material library `path` names the existing `file` as a texture. Its name is the end of the line, after
 /// options, and may have blanks.
 pub fn has_texture(path: &Path, file: &Path) -> bool {
