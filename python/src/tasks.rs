@@ -8,8 +8,8 @@ use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArra
 use nystrom_stream::apps::colours::colours_for;
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::evaluate::Evaluator;
-use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::split::PartForm;
+use nystrom_stream::apps::export::{Form, csv};
 use nystrom_stream::apps::labelled_faces::LabelledFaces;
 use nystrom_stream::apps::measure;
 use nystrom_stream::apps::open_labels;
@@ -20,7 +20,7 @@ use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::spectral::Kernel;
-use nystrom_stream::store::{Context, WorkDir, json, private_folder};
+use nystrom_stream::store::{Context, WorkDir, private_folder};
 use nystrom_stream::{Error, LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -126,13 +126,9 @@ pub fn save(
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
     let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &names };
     if options == SaveOptions::default() && form == Some(Form::Csv) {
-        return run(py, |run| {
-            let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
-            let measures = measure::labelled(mesh, &labels, Context::new(&work, run))?;
-            let parts = report["parts"].as_array().map_or(&[][..], |parts| parts);
-            let agreement: Vec<f64> = parts.iter().filter_map(|part| part["expected_agreement"].as_f64()).collect();
-            json::publish(&path, measure::table(&measures, &colours, &names, &agreement).as_bytes())
-        });
+        let parts = report["parts"].as_array().map_or(&[][..], |parts| parts);
+        let agreement: Vec<f64> = parts.iter().filter_map(|part| part["expected_agreement"].as_f64()).collect();
+        return run(py, |run| csv::write(&path, mesh, &labelling, &agreement, run));
     }
     if options != SaveOptions::default() || form != Some(Form::Html) {
         return run(py, |run| mesh.save_under(path, labelling, &options, run));

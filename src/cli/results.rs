@@ -3,9 +3,8 @@
 use super::output::{FormArgs, Output};
 use super::sink::folder_of;
 use nystrom_stream::apps::edits::Edits;
-use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
-use nystrom_stream::apps::measure;
+use nystrom_stream::apps::export::{Form, csv};
 use nystrom_stream::apps::page::{CellModel, Cuts, Page};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::cluster::parts::PartTree;
@@ -15,7 +14,7 @@ use nystrom_stream::mesh::ply::labelled::{Labelling, write_labelled_to};
 use nystrom_stream::pipeline::cuts::KeptCuts;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, embed};
 use nystrom_stream::spectral::EmbeddingParams;
-use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir, json};
+use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir};
 use serde_json::Value;
 use std::path::Path;
 
@@ -59,12 +58,7 @@ impl<'a> Results<'a> {
                 write_labelled_to(mesh, "<stdout>", &mut std::io::stdout().lock(), labelling, options.ply, run)
             }
             (Form::Parquet, Some(path), Some(mesh)) => parquet::write(path, mesh, labelling, self.embedding, run),
-            (Form::Csv, Some(path), Some(mesh)) => {
-                let of_labels = |context: Context<'_>| measure::labelled(mesh, labelling.labels, context);
-                let measures = measured(path, run, of_labels)?;
-                let table = measure::table(&measures, labelling.colours, labelling.names, self.agreement);
-                json::publish(path, table.as_bytes())
-            }
+            (Form::Csv, Some(path), Some(mesh)) => csv::write(path, mesh, labelling, self.agreement, run),
             (Form::Html, Some(path), Some(mesh)) => self.page(mesh, path, run),
             (form, ..) => form.write(output.target(), mesh, labelling, &options, run),
         }

@@ -1,11 +1,12 @@
-//! Results in other programs' formats: a table (`parquet`), a scene ([`glb`]), a mesh with groups ([`obj`]), one mesh
-//! per part ([`split`]). [`form`] maps file extensions to them.
+//! Results in other programs' formats: tables (`parquet`, [`csv`]), a scene ([`glb`]), a mesh with groups ([`obj`]),
+//! one mesh per part ([`split`]). [`form`] maps file extensions to them.
 //!
 //! All of them stream: memory does not grow with the mesh, except for one bit per vertex in [`split`], and the edges of
 //! a part if parts are closed, which come from the budget. Files appear complete or not at all.
 
 mod by_part;
 mod caps;
+pub mod csv;
 pub mod form;
 pub mod glb;
 pub mod obj;
