@@ -18,6 +18,8 @@ use nystrom_stream::apps::picture::{PictureParams, render_named};
 use nystrom_stream::apps::sequence::SequenceOrder;
 use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::Sampling;
+use nystrom_stream::mesh::UNLABELLED;
+use nystrom_stream::mesh::ply::labelled::colour_of;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::spectral::Kernel;
 use nystrom_stream::store::{Context, WorkDir, private_folder};
@@ -56,6 +58,8 @@ pub fn part_colours<'py>(
     let labels = labels.as_array().to_vec();
     let mesh = mesh.current()?;
     let found = run(py, |run| colours_for(mesh, &labels, run))?;
+    let parts = labels.iter().filter(|&&label| label != UNLABELLED).max().map_or(0, |&label| label as usize + 1);
+    let found: Vec<[u8; 3]> = (0..parts as u32).map(|label| colour_of(&found, label)).collect();
     found.as_flattened().to_pyarray(py).reshape([found.len(), 3])
 }
 

@@ -4,6 +4,7 @@ use crate::apps::creature::{Creature, Options};
 use crate::apps::export::form::{Form, SaveOptions, unknown};
 use crate::base::{Error, Result};
 use crate::mesh::geometry::{MOST_CORNERS, MOST_FACES};
+use crate::mesh::ply::labelled::REPEATED;
 use crate::mesh::{Labelling, Mesh};
 use crate::pipeline::admission::admit;
 use crate::pipeline::input;
@@ -97,7 +98,7 @@ impl Mesh {
 fn named_and_coloured(labelling: &Labelling<'_>) -> Result<()> {
     let Labelling { labels, colours, names, .. } = labelling;
     let parts = labels.iter().max().map_or(0, |&label| label as usize + 1);
-    if !colours.is_empty() && colours.len() < parts {
+    if !colours.is_empty() && colours.len() < parts && colours.len() != REPEATED {
         let problem = format!("{} for labels up to {}", colours.len(), parts - 1);
         return Err(Error::parameter("colours", problem, "give one per part, or none"));
     }

@@ -7,6 +7,7 @@
 
 use crate::base::Result;
 use crate::base::sort::order_by;
+use crate::mesh::ply::labelled::REPEATED;
 use crate::mesh::{Mesh, UNLABELLED};
 use crate::store::Run;
 use std::collections::BTreeMap;
@@ -164,18 +165,16 @@ const CHUNK: usize = 1 << 16;
 /// Above this number, parts take colours cyclically.
 const MOST_DISTINCT: usize = 2048;
 
-/// One colour per label, suitable for colour-blind people, different for adjacent parts.
+/// One colour per label, suitable for colour-blind people, different for adjacent parts; at most [`REPEATED`], which
+/// greater labels take in turn ([`colour_of`](crate::mesh::ply::labelled::colour_of)).
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`], [`crate::base::Error::Memory`].
 pub fn colours_for(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Vec<[u8; 3]>> {
     let parts = labels.iter().copied().filter(|&label| label != UNLABELLED).max().map_or(0, |most| most as usize + 1);
     if parts > MOST_DISTINCT {
-        // There are at most as many labels as faces; a greater number may not be a label at all.
-        let bytes = 3 * parts as u64;
-        let _grant = run.budget.take("the colours of parts", bytes, bytes)?;
         let some = palette(MOST);
-        return Ok((0..parts).map(|part| some[part % some.len()]).collect());
+        return Ok((0..parts.min(REPEATED)).map(|part| some[part % some.len()]).collect());
     }
     let bytes = 4 * mesh.positions.len() as u64;
     let _grant = run.budget.take("the parts at vertices", bytes, bytes)?;
@@ -247,6 +246,23 @@ mod tests {
             let least = least_contrast(&colours, &touching);
             assert!(least > 0.03, "{parts} parts: {least}");
         }
+    }
+
+    /// Regression: there were three bytes for each number up to the greatest label, 12 GB for labels in the billions.
+    #[test]
+    fn great_labels_take_colours_in_turn() {
+        use crate::mesh::ply::labelled::colour_of;
+        let mesh = Mesh::from_slices(&[[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.]], &[[0u32, 1, 2]; 3]).unwrap();
+        let mut run = Run::new(&());
+        run.budget = crate::store::Budget::new(1 << 20);
+        let labels = [4_000_000_000, 70_000, UNLABELLED];
+        let colours = colours_for(&mesh, &labels, &run).unwrap();
+        assert_eq!(colours.len(), REPEATED);
+        let some = palette(MOST);
+        let expected = [some[4_000_000_000 % MOST], some[70_000 % MOST], [128; 3]];
+        assert_eq!(labels.map(|label| colour_of(&colours, label)), expected);
+        assert_eq!(colour_of(&colours[..9], 9), [128; 3]);
+        assert_eq!(colours_for(&mesh, &[0, 2999, 1], &run).unwrap().len(), 3000);
     }
 
     #[test]

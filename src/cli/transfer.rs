@@ -70,7 +70,6 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         facts.filled,
         facts.islands
     ));
-    // Colours for every number up to the greatest label are computed only if they are written.
     let coloured = outputs.iter().any(Output::needs_mesh);
     let colours = if coloured { found.colours(&to, &result.labels, &run)? } else { Vec::new() };
     let report = json!({

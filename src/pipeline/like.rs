@@ -12,6 +12,7 @@ use crate::apps::correspond::Match;
 use crate::apps::transfer::transfer;
 use crate::base::tally::tally;
 use crate::base::{Error, Result};
+use crate::mesh::ply::labelled::colour_of;
 use crate::mesh::{Mesh, UNLABELLED};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, WorkDir};
@@ -213,7 +214,6 @@ pub fn apply_reference_numbering(
         faces[new as usize] += result.numbers.faces.get(old).copied().unwrap_or(0);
         area[new as usize] += result.numbers.area.get(old).copied().unwrap_or(0.);
     }
-    let grey = |part: usize| reference.colours.get(part).copied().unwrap_or([128; 3]);
     let facts = &mut transferred.facts;
     // Numbers that the reference does not use are not parts.
     let mut known = vec![false; parts];
@@ -223,7 +223,8 @@ pub fn apply_reference_numbering(
     let least = LEAST_CONFIDENCE[usize::from(facts.method == TransferMethod::Shape)];
     facts.needs_check = facts.confidence < least || facts.ambiguous || !facts.missing.is_empty() || some_unknown;
     result.labels = labels;
-    result.colours = (0..all).map(grey).collect();
+    result.colours = (0..parts as u32).map(|part| colour_of(reference.colours, part)).collect();
+    result.colours.resize(all, [128; 3]);
     result.names = reference.names.to_vec();
     result.cell_labels = result.cell_labels.iter().map(|&label| number[label as usize]).collect();
     let now = |label: Option<u32>| label.and_then(|label| number.get(label as usize).copied());

@@ -1,6 +1,7 @@
 //! `picture` and `segment -o x.png` from the command line.
 
 use crate::common::{errors, in_memory, program, run, word, zoo};
+use nystrom_stream::apps::colours::palette;
 use std::path::Path;
 
 fn succeeds(words: &[&str]) {
@@ -103,6 +104,37 @@ fn a_picture_beyond_the_budget_is_refused_before_any_work() {
         assert_eq!(output.status.code(), Some(1), "{words:?}");
         assert!(errors(&output).contains("the picture needs"), "{words:?}: {}", errors(&output));
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "{words:?}");
+    }
+}
+
+/// Regression: there was a colour for each number up to the greatest label, 6 GB here, and 12 for labels that only a
+/// picture or a table can hold.
+#[test]
+fn labels_in_the_billions_need_no_colour_for_each_number() {
+    let dir = in_memory();
+    let shape = zoo::grid(3);
+    shape.write(dir.path());
+    let mesh = format!("{}.ply", shape.name);
+    for (greatest, outputs) in
+        [(2_000_000_000u32, &["x.ply", "x.csv", "x.png"][..]), (4_000_000_000, &["x.csv", "x.png"])]
+    {
+        let labels: String = (0..shape.faces.len() as u32).map(|face| format!("{}\n", greatest - face % 2)).collect();
+        std::fs::write(dir.path().join("labels.seg"), labels).unwrap();
+        let given = ["--labels", "labels.seg", "--max-memory", "256MB"];
+        let mut words = vec!["transfer-labels", &mesh, &mesh, "-q"];
+        words.extend(outputs.iter().flat_map(|output| ["-o", output]));
+        for words in [words, vec!["picture", &mesh, "-q", "-o", "y.png"]] {
+            let output = program().current_dir(dir.path()).args(&words).args(given).output().unwrap();
+            assert!(output.status.success(), "{words:?}: {}", errors(&output));
+        }
+        // Great labels take 256 colours in turn.
+        let table = std::fs::read_to_string(dir.path().join("x.csv")).unwrap();
+        let some = palette(256);
+        for label in [greatest, greatest - 1] {
+            let [r, g, b] = some[label as usize % 256];
+            let row = table.lines().find(|row| row.starts_with(&format!("{label},"))).unwrap();
+            assert!(row.contains(&format!("#{r:02x}{g:02x}{b:02x}")), "{row}");
+        }
     }
 }
 

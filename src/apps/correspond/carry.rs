@@ -9,6 +9,7 @@ use super::matches::Match;
 use crate::apps::labelled_faces::LabelledFaces;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::mesh::ply::labelled::colour_of;
 use crate::mesh::ply::{Column, ElementKind, Scalar};
 use crate::store::{Context, MappedSlice, WorkDir};
 use std::cmp::Reverse;
@@ -157,8 +158,8 @@ impl Colours {
         let labels = found.labels.clone();
         let palette = found.colours(b, &labels, context.run)?;
         let faces = first_faces(b, "first_faces.npy", context)?;
-        let label = |face: u32| labels.get(face as usize).and_then(|&label| palette.get(label as usize));
-        Self::of(faces.iter().map(|&face| label(face).copied().unwrap_or(GREY)), context.work)
+        let label = |face: u32| labels.get(face as usize).map_or(GREY, |&label| colour_of(&palette, label));
+        Self::of(faces.iter().map(|&face| label(face)), context.work)
     }
 
     fn of(colours: impl Iterator<Item = [u8; 3]>, work: &WorkDir) -> Result<Self> {

@@ -1,6 +1,7 @@
 //! Measurements of parts as a table: comma-separated values with a header, one row per label.
 
 use super::sums::Measures;
+use crate::mesh::ply::labelled::colour_of;
 use std::collections::BTreeMap;
 
 /// The last columns of the table.
@@ -36,7 +37,7 @@ pub fn table(measures: &BTreeMap<u32, Measures>, colours: &[[u8; 3]], names: &[S
         row.push(part.open_edges.to_string());
         let place = label as usize;
         row.push(agreement.get(place).map_or(String::new(), |share| format!("{share:.3}")));
-        let [r, g, b] = colours.get(place).copied().unwrap_or([128; 3]);
+        let [r, g, b] = colour_of(colours, label);
         row.push(format!("#{r:02x}{g:02x}{b:02x}"));
         row.push(part.neighbours.iter().map(|other| other.label.to_string()).collect::<Vec<_>>().join(" "));
         row.push(names.get(place).map_or(String::new(), |name| quoted(name)));

@@ -99,7 +99,6 @@ pub fn render_named(
     let room = params.width - legend.as_ref().map_or(0, Legend::width).min(params.width / 2);
     let sheet = Sheet::of(&extents, room, params.height);
     let vertex_normals = if smooth { Some(VertexNormals::of(mesh, context)?) } else { None };
-    // Labels may be in the billions, so only this is stored per label.
     let tints = if labels.is_some() { colours } else { &[UNLABELLED_COLOUR] };
     let white = if params.transparent { [255, 255, 255, 0] } else { [255; 4] };
     let mut image = Image::filled(params.width, params.height, white);

@@ -9,6 +9,7 @@ use super::vertex_normals::VertexNormals;
 use crate::base::Result;
 use crate::base::vector::{MapEach, add_scaled, double_area, finite, is_zero, minus, unit};
 use crate::mesh::Mesh;
+use crate::mesh::ply::labelled::colour_of;
 use crate::mesh::polygon::double_area_vector;
 use crate::store::Run;
 
@@ -412,8 +413,7 @@ impl View<'_> {
             let (i, j) = (x * self.factor + sample % self.factor, y * self.factor + sample / self.factor);
             let cell = j * self.canvas.width + i;
             let Some(hit) = self.canvas.get(cell) else { continue };
-            let colour =
-                self.colours.get(hit.item as usize).unwrap_or(&GREY).map_each(|part| self.light_of[usize::from(part)]);
+            let colour = colour_of(self.colours, hit.item).map_each(|part| self.light_of[usize::from(part)]);
             let line = self.lines.map_or(1.0, |lines| lines.light(self.canvas, i, j, hit, self.parts));
             let lit = light(colour, unpack(self.normals[cell]), open);
             (0..3).for_each(|k| sum[k] += lit[k] * line);

@@ -63,7 +63,7 @@ pub const UNLABELLED: u32 = u32::MAX;
 pub struct Labelling<'a> {
     /// One label per face.
     pub labels: &'a [u32],
-    /// One colour (sRGB) per label; grey for labels beyond the last.
+    /// One colour (sRGB) per label; grey for labels beyond the last, except as in [`colour_of`].
     pub colours: &'a [[u8; 3]],
     /// One quality per face, optional.
     pub quality: Option<&'a [f32]>,
@@ -75,6 +75,17 @@ pub struct Labelling<'a> {
 const REMARK: &[u8] = b"comment labelled by nystrom-stream";
 /// The colour of labels without a colour.
 const GREY: [u8; 3] = [128; 3];
+/// Greater labels take as many colours in turn: there need not be one for each number up to a label in the billions.
+pub const REPEATED: usize = 1 << 16;
+
+/// The colour of `label` among `colours`, one per label. If there are [`REPEATED`], greater labels take them in turn;
+/// otherwise they are grey, as are faces without a label.
+#[inline]
+pub fn colour_of(colours: &[[u8; 3]], label: u32) -> [u8; 3] {
+    let place = label as usize;
+    let place = if colours.len() == REPEATED && label != UNLABELLED { place % REPEATED } else { place };
+    colours.get(place).copied().unwrap_or(GREY)
+}
 
 impl Labelling<'_> {
     /// The name of `label`, if it has one.
@@ -111,9 +122,9 @@ impl Labelling<'_> {
         self.colour_of(Some(self.labels[face]))
     }
 
-    /// The colour of `label`; grey without one, or beyond the last colour.
+    /// The colour of `label`; grey without one.
     pub(super) fn colour_of(&self, label: Option<u32>) -> [u8; 3] {
-        label.and_then(|label| self.colours.get(label as usize)).copied().unwrap_or(GREY)
+        colour_of(self.colours, label.unwrap_or(UNLABELLED))
     }
 
     /// Appends the numbers of [`VERTEX_PROPERTIES`] of a vertex with `label`.
