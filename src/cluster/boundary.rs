@@ -16,6 +16,7 @@ use super::area_shares::AreaShares;
 use super::band_graph::{BandArrays, WeightedLengths, band_nodes};
 use super::crease::OwnTurning;
 use super::extrapolate::LocalPartMeans;
+use super::few_nodes::{fitted, of_chunks, will_need_rows};
 use super::normals::lengths;
 use super::shorten::{HOPS, PASSES, shorten};
 use crate::base::Result;
@@ -23,7 +24,6 @@ use crate::base::parallel::chunk_range;
 use crate::distance::front::mean_weight;
 use crate::distance::voronoi::{self, VisitedPieces};
 use crate::distance::{DistanceRows, SharedFront};
-use crate::graph::csr::near_ranges;
 use crate::graph::{Csr, DualGraph, WeightedGraph};
 use crate::store::{Context, MappedSlice, Run, ScratchArray};
 use std::ops::Range;
@@ -268,11 +268,12 @@ fn straighten(
                 return Ok(Vec::new());
             }
             let range = chunk_range(labels.len(), CHUNK, k);
-            let open: Vec<u32> = range.zip(&*field).filter(|(_, d)| **d > 0.).map(|(i, _)| i as u32).collect();
+            let mut open: Vec<u32> = range.zip(&*field).filter(|(_, d)| **d > 0.).map(|(i, _)| i as u32).collect();
             will_need_rows(steps, &open, run);
             // Interiors cannot be lowered below 0, so they stay outside the band that is straightened.
             field.iter_mut().for_each(|d| *d = if *d == 0. { -1. } else { f32::INFINITY });
-            Ok(open.into_iter().filter(|&i| across(i as usize)).collect::<Vec<u32>>())
+            open.retain(|&i| across(i as usize));
+            Ok(fitted(open))
         },
     )?;
     let open = open.concat();
@@ -317,37 +318,6 @@ pub fn interior_edge(graph: Csr<'_>, interior: impl Fn(usize) -> bool + Sync, ru
     edge.sort_unstable();
     edge.dedup();
     Ok(edge)
-}
-
-/// What `of` makes of the nodes with `own` in each chunk, one after another. Mostly they are few,
-/// and no other rows are read.
-fn of_chunks(
-    graph: Csr<'_>,
-    run: &Run,
-    own: impl Fn(usize) -> bool + Sync,
-    of: impl Fn(Vec<u32>) -> Vec<u32> + Sync,
-) -> Result<Vec<u32>> {
-    let nodes_in = |range: Range<usize>| {
-        let mut nodes: Vec<u32> = range.map(|i| i as u32).collect();
-        nodes.retain(|&i| own(i as usize));
-        nodes
-    };
-    let parts = run.map_ranges(graph.len(), CHUNK, |range| {
-        let nodes = nodes_in(range.clone());
-        if run.is_paged(graph.indices) {
-            let later = nodes_in(range.end..(range.end + CHUNK).min(graph.len()));
-            for nodes in [&nodes, &later] {
-                will_need_rows(graph, nodes, run);
-            }
-        }
-        Ok(of(nodes))
-    })?;
-    Ok(parts.concat())
-}
-
-/// Asks the kernel to read the neighbours of `nodes`, which ascend.
-fn will_need_rows(graph: Csr<'_>, nodes: &[u32], run: &Run) {
-    run.will_need_few(graph.indices, near_ranges(nodes).map(|nodes| graph.starts.entries_of(nodes)));
 }
 
 /// Counts that histograms hold at a time, for a thread or for several together: 8 MB.

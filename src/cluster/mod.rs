@@ -15,6 +15,7 @@ pub mod contract;
 pub mod crease;
 pub mod divide;
 pub mod extrapolate;
+pub mod few_nodes;
 pub mod kmeans;
 pub mod max_flow;
 pub mod mirror;

@@ -13,6 +13,7 @@
 //! other.
 
 use super::area_shares::{AreaShares, SurfaceSum, spread_seeds, surface_sums};
+use super::few_nodes::fitted;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::MapEach;
@@ -183,7 +184,7 @@ fn neighbours(graph: &DualGraph, owner: &[u32], cells: usize, run: &Run) -> Resu
         }
         pairs.sort_unstable();
         pairs.dedup();
-        Ok(pairs)
+        Ok(fitted(pairs))
     })?;
     let mut pairs: Vec<u64> = parts.concat();
     // A stable sort, because it merges the sorted runs.
