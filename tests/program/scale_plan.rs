@@ -194,6 +194,18 @@ fn bands_around_many_boundaries_fit_the_budget() {
     assert!(labels == cut("large.npy", "4GB").0);
 }
 
+/// Regression: five matrices of all points for each thread were beside the budget.
+#[test]
+fn a_study_of_points_fits_the_budget() {
+    let dir = in_memory();
+    let study = ["study", "--points", "300", "--runs", "8", "--threads", "8", "-q", "--max-memory"];
+    let peak = allocated(dir.path(), &[&study[..], &["8MiB"]].concat());
+    assert!(peak < 8 << 20, "{peak}");
+    let refused = program(&[&study[..], &["3MiB"]].concat());
+    let told = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(1) && told.contains("or take fewer points"), "{told}");
+}
+
 /// Mounts a file system of `size` in memory at `at`; whether that is allowed here.
 fn mount(at: &Path, size: &str) -> bool {
     let option = format!("size={size}");

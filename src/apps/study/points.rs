@@ -109,8 +109,12 @@ pub fn evaluate_sample(w: &DMatrix<f64>, landmarks: &[u32], run: &Run) -> Result
 /// ```
 ///
 /// # Errors
-/// [`crate::base::Error::Cancelled`].
+/// [`crate::base::Error::Memory`] if there is no room for one run, [`crate::base::Error::Cancelled`].
 pub fn pairs(params: PointsParams, seed: u64, run: &Run) -> Result<Vec<SamplePair>> {
+    // The affinities and what the comparison with all of them makes.
+    let bytes = 5 * 8 * (params.points as u64).pow(2);
+    run.budget.take_or("a run over all points", bytes, "take fewer points")?;
+    let (run, _grant) = run.threads_within(bytes);
     let inner = Run {
         threads: 1,
         budget: run.budget.clone(),
