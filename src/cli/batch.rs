@@ -22,6 +22,8 @@ use nystrom_stream::pipeline::{Cluster, SegmentParams, input};
 use nystrom_stream::store::{Budget, WorkDir};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -114,6 +116,18 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(())
 }
 
+/// `pattern`, whose name need not be UTF-8, with `stem` in place of each `{}`.
+fn filled(pattern: &Path, stem: &str) -> PathBuf {
+    let (mut name, mut rest) = (Vec::new(), pattern.as_os_str().as_bytes());
+    while let Some(at) = rest.windows(2).position(|pair| pair == b"{}") {
+        name.extend_from_slice(&rest[..at]);
+        name.extend_from_slice(stem.as_bytes());
+        rest = &rest[at + 2..];
+    }
+    name.extend_from_slice(rest);
+    OsString::from_vec(name).into()
+}
+
 /// One job per mesh; in the output `patterns`, `{}` stands for the name of the mesh without extension.
 fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError> {
     let mut owner: BTreeMap<PathBuf, PathBuf> = BTreeMap::new();
@@ -124,7 +138,7 @@ fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError
             return Err(CliError::Usage("-o: standard input has no name to replace {}; write a name".into()));
         }
         let itself = mesh.canonicalize().ok();
-        let fill = |pattern: &PathBuf| Output::of(Path::new(&pattern.to_string_lossy().replace("{}", &stem)));
+        let fill = |pattern: &PathBuf| Output::of(&filled(pattern, &stem));
         let job = Job::of(mesh, patterns.iter().map(fill).collect::<Result<_, _>>()?);
         for path in job.outputs.iter().filter_map(Output::path) {
             if itself.is_some() && path.canonicalize().ok() == itself {
