@@ -21,6 +21,7 @@ mod info_command;
 mod picture_command;
 mod pipelines;
 mod plots;
+mod restart;
 mod scale_plan;
 mod scale_resume;
 mod segment_all;
