@@ -50,7 +50,8 @@
 //! | [`evaluate()`] → [`Scores`] | How far are labels from those of people? |
 //! | [`LabelTransfer`] → [`Transferred`] | Which labels does another version of it get? |
 //!
-//! `examples/cut.rs` cuts a file; `examples/distances.rs` uses the layers below.
+//! The types of their options are in [`options`]. `examples/cut.rs` cuts a file; `examples/distances.rs` uses the
+//! layers below.
 //!
 //! # Layers
 //!
@@ -85,6 +86,7 @@ pub mod pipeline;
 pub mod spectral;
 pub mod store;
 
+pub use api::options;
 #[cfg(feature = "correspondence")]
 pub use api::{Correspondence, Matcher};
 pub use api::{

@@ -3,7 +3,7 @@
 //! A thin wrapper: costs are those of [`crate::pipeline::correspond`]. The result has 16 bytes per vertex of the first
 //! mesh.
 
-use super::mesh::identity;
+use super::mesh::{checked, identity};
 use super::run::{RunOptions, run_options, work_options};
 use crate::apps::correspond::matches::{Match, Matching};
 use crate::apps::correspond::{Refine, files};
@@ -120,6 +120,7 @@ impl Matcher {
     /// for a work directory of other meshes, [`crate::Error::Memory`], [`crate::Error::Io`],
     /// [`crate::Error::Cancelled`].
     pub fn run(&self, a: &Mesh, b: &Mesh) -> Result<Correspondence> {
+        [a, b].into_iter().try_for_each(checked)?;
         let most = a.positions.len().max(b.positions.len());
         let params = self.params.landmarks(self.landmarks.unwrap_or(default_landmarks_for_vertices(most)));
         self.options.with(|context, log| {

@@ -2,7 +2,7 @@
 //!
 //! Thin wrappers: costs are those of [`crate::apps::evaluate`], [`crate::apps::transfer`] and [`crate::apps::study`].
 
-use super::mesh::admitted;
+use super::mesh::{admitted, checked};
 use super::run::{RunOptions, run_options, work_options};
 use crate::apps::evaluate::{Evaluator, Scores};
 use crate::apps::study::data::{StudyData, StudyParams};
@@ -33,6 +33,7 @@ const MOST_SEEDS: u64 = 10_000;
 /// # Errors
 /// [`crate::Error::Parameter`] if labels and faces differ in number, or without truths.
 pub fn evaluate<L: AsRef<[u32]>>(mesh: &Mesh, labels: &[u32], truths: &[L]) -> Result<Scores> {
+    checked(mesh)?;
     let evaluator = Evaluator::of(mesh)?;
     let labels = evaluator.segmentation("labels", labels)?;
     evaluator.compare_many(&labels, &evaluator.segmentations(truths)?)
@@ -67,9 +68,11 @@ impl LabelTransfer {
     /// nearest to unlabelled ones get the label around them.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for labels that do not match `from`; [`crate::Error::Unusable`] if most of `to` lies
-    /// far from `from`; [`crate::Error::Memory`], [`crate::Error::Io`], [`crate::Error::Cancelled`].
+    /// [`crate::Error::Parameter`] for labels that do not match `from`; [`crate::Error::Unusable`] if no face of `from`
+    /// has one, or most of `to` lies far from `from`; [`crate::Error::Memory`], [`crate::Error::Io`],
+    /// [`crate::Error::Cancelled`].
     pub fn run(&self, from: &Mesh, labels: &[u32], to: &Mesh) -> Result<Transferred> {
+        [from, to].into_iter().try_for_each(checked)?;
         self.options.with(|context, _| transfer(from, labels, to, context))
     }
 }

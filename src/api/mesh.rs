@@ -14,7 +14,8 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 impl Mesh {
-    /// A four-legged animal with at least `faces` faces: a mesh for trying things. See [`crate::apps::creature`].
+    /// A four-legged animal with at least `faces` faces, 3,528 or more: a mesh for trying things, held in memory, 18
+    /// bytes per face. See [`crate::apps::creature`].
     ///
     /// ```
     /// # fn main() -> nystrom_stream::Result<()> {
@@ -26,11 +27,17 @@ impl Mesh {
     /// # Errors
     /// [`Error::Parameter`] for more faces than can be numbered.
     pub fn creature(faces: u64) -> Result<Self> {
-        let creature = Creature::new(&Options { faces, ..Options::default() })?;
         let most = MOST_FACES.min(MOST_CORNERS / 3);
-        if creature.face_count() > most {
+        let refused = || {
             let problem = format!("{faces} faces are more than can be numbered");
-            return Err(Error::parameter("faces", problem, format!("request at most {}", most / 100 * 99)));
+            Error::parameter("faces", problem, format!("request at most {}", most / 100 * 99))
+        };
+        if faces > most {
+            return Err(refused());
+        }
+        let creature = Creature::new(&Options { faces, ..Options::default() })?;
+        if creature.face_count() > most {
+            return Err(refused());
         }
         let positions = (0..creature.vertex_count()).map(|v| creature.position(v)).collect();
         let faces = (0..creature.face_count()).map(|f| creature.face(f)).collect();
@@ -87,6 +94,7 @@ impl Mesh {
         let path = path.as_ref();
         let form = Form::of(path);
         options.check(form)?;
+        checked(self)?;
         labelling.fit(self.faces.len())?;
         named_and_coloured(&labelling)?;
         form.ok_or_else(|| unknown(path))?.write(path, Some(self), &labelling, options, run)
@@ -109,9 +117,15 @@ fn named_and_coloured(labelling: &Labelling<'_>) -> Result<()> {
     Ok(())
 }
 
+/// Rejects a mesh that its caller put together wrongly ([`Mesh::new`]). Readers have checked what they read.
+pub(super) fn checked(mesh: &Mesh) -> Result<()> {
+    if mesh.document().is_none() || mesh.faces.is_empty() { mesh.check() } else { Ok(()) }
+}
+
 /// The identity of `mesh` for the work directory of `context`. A work directory of another mesh is refused, or emptied
 /// with `force`.
 pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result<Value> {
+    checked(mesh)?;
     let identity = identity(mesh, context.work, |path| input::identity_in(path, context.work))?;
     admit(mesh.path(), &identity, force, context)?;
     mesh.notes().iter().for_each(|note| context.run.progress.note(note));

@@ -129,7 +129,8 @@ impl Segmenter {
     }
 
     /// How faces become parts: as people would cut them, by K-means or 2-means in the embedding, or as connected
-    /// components.
+    /// components. Errors call it `cluster`, as the field of [`SegmentParams`].
+    #[doc(alias = "cluster")]
     #[must_use]
     pub fn method(mut self, method: Cluster) -> Self {
         self.params.cluster = method;
@@ -245,8 +246,9 @@ impl Segmenter {
     ///
     /// # Errors
     /// [`crate::Error::Malformed`] naming the edit that cannot be applied, or for a file that has changed since it was
-    /// opened; [`crate::Error::Parameter`] for options that are out of range, without effect, or contradict each other;
-    /// [`crate::Error::Unusable`] for more parts than faces; [`crate::Error::WorkDir`] for a work directory in use, of
+    /// opened; [`crate::Error::Parameter`] for options that are out of range, without effect, or contradict each other,
+    /// and for hints that do not match the faces; [`crate::Error::Unusable`] for more parts than faces, and for the box
+    /// or the number of parts of edits; [`crate::Error::WorkDir`] for a work directory in use, of
     /// another mesh, or damaged; [`crate::Error::Memory`], [`crate::Error::Disk`], [`crate::Error::Io`],
     /// [`crate::Error::Cancelled`]; [`crate::Error::Internal`] if a listener panics.
     pub fn run(&self, mesh: &Mesh) -> Result<Segmentation> {

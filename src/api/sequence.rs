@@ -44,14 +44,14 @@ impl Sequencer {
         self
     }
 
-    /// Number of sweeps that improve spectral coordinates; none by default.
+    /// Number of sweeps over all vertices that improve spectral coordinates; none by default. Other orders ignore it.
     #[must_use]
     pub fn sweeps(mut self, sweeps: usize) -> Self {
         self.params.sweeps = sweeps;
         self
     }
 
-    /// The number of landmarks of spectral orders, 3 to 4096; by default 10.
+    /// The number of landmarks of spectral orders, 3 to 4096; by default 10. Other orders ignore it.
     #[must_use]
     pub fn landmarks(mut self, count: usize) -> Self {
         self.params.landmarks = Some(count);

@@ -109,9 +109,9 @@ pub enum Error {
     },
 }
 
-/// A path on one line, without control characters.
+/// A path on one line, without control characters. An empty one is shown in quotes: the message began with a colon.
 fn shown(path: &Path) -> String {
-    line(&path.to_string_lossy()).into_owned()
+    if path.as_os_str().is_empty() { "\"\"".into() } else { line(&path.to_string_lossy()).into_owned() }
 }
 
 /// What the operating system refused, why, and what can be done: the text of an [`Error::Io`] without its path, for

@@ -72,6 +72,14 @@ pub trait Space {
     /// Number of threads that a sampler may use besides fronts.
     fn threads(&self) -> usize;
 
+    /// Ends a long search among rows that are known already, which needs no more fronts.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    fn check(&self) -> Result<()> {
+        Ok(())
+    }
+
     /// Advises the kernel how the space's fields will be used from now on, if that matters.
     fn advise(&self, field: &[f32], access: Access);
 
@@ -191,6 +199,10 @@ impl Space for GraphSpace<'_> {
 
     fn threads(&self) -> usize {
         self.run.threads
+    }
+
+    fn check(&self) -> Result<()> {
+        self.run.cancel.check()
     }
 
     fn advise(&self, field: &[f32], access: Access) {

@@ -65,7 +65,7 @@ impl Sampler for Greedy {
             }
             search.fill_up(&mut candidates);
             search.compute_rows(&candidates, space, field)?;
-            let best = search.best(&candidates);
+            let best = search.best(&candidates, space)?;
             let c = candidates.swap_remove(best);
             found(search.factor.columns[c], None)?;
             if k + 1 < l {
@@ -115,9 +115,10 @@ impl Search {
     }
 
     /// The index of the best candidate; the first if equal.
-    fn best(&self, candidates: &[usize]) -> usize {
+    fn best(&self, candidates: &[usize], space: &dyn Space) -> Result<usize> {
         let mut best = (f64::NEG_INFINITY, 0);
         for (place, &c) in candidates.iter().enumerate() {
+            space.check()?;
             let value = if self.params.kernel.nearly_positive() {
                 let residual = self.factor.residual_of(c, self.factor.affinities(&self.rows[&c]));
                 self.factor.gain(c, &residual).unwrap_or(f64::MIN)
@@ -128,7 +129,7 @@ impl Search {
                 best = (value, place);
             }
         }
-        best.1
+        Ok(best.1)
     }
 
     /// Γ over the columns for the landmarks so far plus `c`, from the kept eigenpairs of their affinities.

@@ -194,7 +194,8 @@ const ARRAYS: &str = "<arrays>";
 
 impl Mesh {
     /// Combines positions and faces; `path` names the mesh in messages. The caller has checked every index (the readers
-    /// do so while decoding); [`Positions::get`] returns NaN for an index out of range nevertheless.
+    /// do so while decoding), or calls [`Mesh::check`]; [`Positions::get`] returns NaN for an index out of range
+    /// nevertheless.
     pub fn new(path: impl Into<PathBuf>, positions: Positions, faces: Faces) -> Self {
         Self::with_source(positions, faces, path.into(), None, Vec::new())
     }
@@ -332,11 +333,6 @@ impl Mesh {
     /// # Errors
     /// As [`Mesh::from_slices`]; [`Error::Malformed`] where `starts` does not ascend from 0 to the number of corners.
     pub fn from_polygons<P: Coordinate>(positions: Vec<[P; 3]>, starts: Vec<u64>, corners: Vec<u32>) -> Result<Self> {
-        let fits = starts.first() == Some(&0) && starts.last() == Some(&(corners.len() as u64)) && starts.is_sorted();
-        if !fits {
-            let problem = format!("do not ascend from 0 to the {} corners", corners.len());
-            return Err(Error::malformed(ARRAYS, "starts", problem, "give where each face begins, and the end"));
-        }
         Self::of_arrays(positions, Some(starts), corners)
     }
 
@@ -345,11 +341,6 @@ impl Mesh {
         let vertices = positions.len();
         if u32::try_from(vertices).is_err() {
             return Err(too_many_vertices(path));
-        }
-        if let Some(k) = corners.iter().position(|&v| v as usize >= vertices) {
-            let face = starts.as_ref().map_or(k / 3, |starts| starts.partition_point(|&start| start <= k as u64) - 1);
-            let problem = format!("names vertex {}, but there are {vertices}, counted from 0", corners[k]);
-            return Err(Error::malformed(path, format!("faces[{face}]"), problem, "correct the indices"));
         }
         let layout = StridedLayout::packed(0, size_of::<P>() == 8, vertices);
         let positions = Positions::strided(path, P::into_bytes(positions), layout)?;
@@ -360,11 +351,41 @@ impl Mesh {
                 Faces::triangles(path, corners.into(), 0, 12, len)?
             }
         };
-        if faces.is_empty() {
-            return Err(no_faces(path));
+        let mesh = Self::new(path, positions, faces);
+        mesh.check()?;
+        Ok(mesh)
+    }
+
+    /// Rejects faces that do not fit their arrays or the vertices, after [`Mesh::new`] or a change of the fields. One
+    /// pass over the faces.
+    ///
+    /// # Errors
+    /// As [`Mesh::from_polygons`].
+    pub fn check(&self) -> Result<()> {
+        match &self.faces {
+            Faces::Triangles { bytes, offset, stride, len } => {
+                Faces::triangles(self.path(), bytes.clone(), *offset, *stride, *len)?;
+            }
+            Faces::Polygons { starts, corners } => {
+                let end = corners.len() as u64;
+                if starts.first() != Some(&0) || starts.last() != Some(&end) || !starts.is_sorted() {
+                    let problem = format!("do not ascend from 0 to the {end} corners");
+                    let remedy = "give where each face begins, and the end";
+                    return Err(Error::malformed(self.path(), "starts", problem, remedy));
+                }
+            }
         }
-        check_size(faces.len() as u64, faces.corner_count() as u64, path)?;
-        Ok(Self::new(path, positions, faces))
+        if self.faces.is_empty() {
+            return Err(no_faces(self.path()));
+        }
+        check_size(self.faces.len() as u64, self.faces.corner_count() as u64, self.path())?;
+        let vertices = self.positions.len();
+        self.faces.try_for_each(0..self.faces.len(), |face, corners| {
+            corners.iter().find(|&&v| v as usize >= vertices).map_or(Ok(()), |v| {
+                let problem = format!("names vertex {v}, but there are {vertices}, counted from 0");
+                Err(Error::malformed(self.path(), format!("faces[{face}]"), problem, "correct the indices"))
+            })
+        })
     }
 
     /// A hash of all positions and faces: equal for equal meshes, whatever their storage. One pass, about 10 ns per

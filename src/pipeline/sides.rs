@@ -323,7 +323,8 @@ impl Guidance {
 }
 
 pub(super) fn no_alternative(asked: usize, found: usize) -> Error {
-    Error::parameter("alternative", format!("{asked} of {found}"), "count from 0; the report lists them")
+    let problem = format!("there is no alignment {asked}: {found} fit, counted from 0");
+    Error::parameter("alternative", problem, "choose one of those in the report")
 }
 
 /// The inputs of a refinement.

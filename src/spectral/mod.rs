@@ -20,6 +20,6 @@ pub mod measures;
 pub mod nystrom;
 
 pub use crate::base::eigen;
-pub use embedding::{Embedding, EmbeddingParams, Normalisation, SampledColumns};
+pub use embedding::{Embedding, EmbeddingParams, KernelWidth, Normalisation, SampledColumns};
 pub use kernel::Kernel;
 pub use nystrom::OrthogonalEmbedding;

@@ -1,17 +1,18 @@
 //! The front door: arrays and files give the same labels, nothing is written where memory allows, results are kept
 //! where that is asked for, and the caller hears of progress and can stop.
 
-use nystrom_stream::apps::edits::{Edit, Edits};
 use nystrom_stream::apps::evaluate::Evaluator;
-use nystrom_stream::apps::export::split::PartForm;
-use nystrom_stream::cluster::parts::Decision;
-use nystrom_stream::graph::Order;
+use nystrom_stream::mesh::Faces;
+use nystrom_stream::mesh::split_faces::FaceSplit;
+use nystrom_stream::options::{
+    Boundaries, Cluster, Decision, Edit, Edits, EmbeddingParams, Kernel, Order, PartForm, SequenceOrder, UNLABELLED,
+    Walls,
+};
 use nystrom_stream::pipeline::labels::Labels;
-use nystrom_stream::pipeline::{Boundaries, Cluster, Walls};
-use nystrom_stream::spectral::EmbeddingParams;
-use nystrom_stream::store::WorkDir;
+use nystrom_stream::store::{Run, WorkDir};
 use nystrom_stream::{
-    Cancel, Error, Labelling, Matcher, Mesh, Progress, SamplingQuality, SaveOptions, Segmenter, Sequencer, evaluate,
+    Cancel, Error, LabelTransfer, Labelling, Matcher, Mesh, Progress, SamplingQuality, SaveOptions, Segmenter,
+    Sequencer, evaluate,
 };
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -234,7 +235,7 @@ fn files_are_saved_with_the_choices_that_their_form_leaves() {
     let smooth = dir.path().join("smooth.ply");
     cut.save_with(&smooth, &SaveOptions::new().split_faces(true)).unwrap();
     let smooth = Mesh::open(&smooth).unwrap();
-    let labels = smooth.face_property("label", &nystrom_stream::store::Run::new(&())).unwrap();
+    let labels = smooth.face_property("label", &Run::new(&())).unwrap();
     assert!(smooth.positions.len() > mesh.positions.len() && smooth.faces.len() > mesh.faces.len());
     assert_eq!(labels.iter().max(), cut.labels().iter().max());
     let wrong = [("a.seg", SaveOptions::new().vertex_labels(true)), ("a.ply", SaveOptions::new().cap(true))];
@@ -339,4 +340,74 @@ fn what_a_file_cannot_hold_and_options_without_effect_are_refused() {
     // What stopped a run does not stop what is done with its result.
     stop.cancel();
     order.save(dir.path().join("order.ply")).unwrap();
+}
+
+/// Regression: a mesh that a program put together wrongly ended in a panic, a bug report, or, in `Sequencer`, in hours of
+/// work on four billion vertices; one without faces was told to ask for fewer parts.
+#[test]
+fn a_mesh_whose_arrays_do_not_fit_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let good = Mesh::creature(3_528).unwrap();
+    let polygons =
+        |starts: Vec<u64>, corners: Vec<u32>| Faces::Polygons { starts: starts.into(), corners: corners.into() };
+    let triangles = Faces::Triangles { bytes: vec![0u32; 3].into(), offset: 0, stride: 12, len: 2 };
+    let beyond = good.positions.len() as u32;
+    for (faces, problem) in [
+        (polygons(vec![], vec![]), "starts: do not ascend from 0 to the 0 corners"),
+        (polygons(vec![0], vec![]), "has no faces"),
+        (polygons(vec![0, 3, 9], vec![0, 1, 2]), "starts: do not ascend from 0 to the 3 corners"),
+        (polygons(vec![0, 3], vec![0, 1, beyond]), "faces[0]: names vertex 1766"),
+        (triangles, "faces: 1 records of 12 bytes do not fit"),
+    ] {
+        let mesh = Mesh::new("made", good.positions.clone(), faces);
+        assert!(mesh.check().unwrap_err().to_string().starts_with("made: "));
+        let labels = vec![0; mesh.faces.len()];
+        let told = |result: nystrom_stream::Result<()>| {
+            let error = result.unwrap_err().to_string();
+            assert!(error.contains(problem), "{problem}: {error}");
+        };
+        told(Segmenter::new().run(&mesh).map(drop));
+        told(Sequencer::new().order(SequenceOrder::Keep).run(&mesh).map(drop));
+        told(SamplingQuality::new().run(&mesh).map(drop));
+        told(LabelTransfer::new().run(&mesh, &labels, &good).map(drop));
+        told(LabelTransfer::new().run(&good, &vec![0; good.faces.len()], &mesh).map(drop));
+        told(Matcher::new().run(&good, &mesh).map(drop));
+        told(evaluate(&mesh, &labels, &[&labels]).map(drop));
+        told(mesh.save(dir.path().join("x.obj"), Labelling::of(&labels)));
+    }
+    // Fields that were replaced.
+    let mut mesh = good.clone();
+    mesh.positions = Mesh::from_slices(&[[0f32; 3]; 3], &[[0, 1, 2]]).unwrap().positions;
+    let told = Segmenter::new().run(&mesh).unwrap_err().to_string();
+    assert!(told.contains("but there are 3, counted from 0"), "{told}");
+}
+
+/// Regression: these ended in panics, or in messages that began with a colon, lacked the number, or led to another error.
+#[test]
+fn errors_name_what_was_given_and_a_remedy_that_helps() {
+    let run = Run::new(&());
+    let mesh = Mesh::creature(3_528).unwrap();
+    let labels = vec![0; mesh.faces.len()];
+    let (short, long) = (&labels[1..], [&labels[..], &[0]].concat());
+    for wrong in [short, &long] {
+        assert!(matches!(FaceSplit::of(&mesh, wrong, &run), Err(Error::Parameter { name, .. }) if name == "labels"));
+        let split = FaceSplit::of(&mesh, &labels, &run).unwrap();
+        assert!(matches!(split.applied(&mesh, wrong, None, &run), Err(Error::Parameter { .. })));
+        let quality = vec![1f32; wrong.len()];
+        let refused = split.applied(&mesh, &labels, Some(&quality), &run);
+        assert!(matches!(refused, Err(Error::Parameter { name, .. }) if name == "quality"));
+    }
+    let told = |result: nystrom_stream::Result<()>, text: &str| {
+        let error = result.unwrap_err().to_string();
+        assert!(error.starts_with(text), "{error}");
+    };
+    let none = vec![UNLABELLED; mesh.faces.len()];
+    told(LabelTransfer::new().run(&mesh, &none, &mesh).map(drop), "<arrays>: none of its ");
+    told(Segmenter::new().work_dir("").run(&mesh).map(drop), "\"\": cannot ");
+    told(Mesh::open("").map(drop), "\"\": cannot open: ");
+    told(SamplingQuality::new().kernel(Kernel::Gaussian, -1.).run(&mesh).map(drop), "width: -1 is not a positive");
+    for faces in [1 << 33, 2_000_000_000] {
+        let Err(Error::Parameter { remedy, .. }) = Mesh::creature(faces) else { panic!("not refused") };
+        assert_eq!(remedy, "request at most 1417339143");
+    }
 }

@@ -3,8 +3,8 @@
 use crate::common::zoo::{self, Shape};
 use crate::common::{self, oracle, stride};
 use nalgebra::{DMatrix, DVector};
-use nystrom_stream::base::Cancel;
 use nystrom_stream::base::random::{below, stream, unit};
+use nystrom_stream::base::{Cancel, Error};
 use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::paging::Pages;
 use nystrom_stream::distance::rows::RowParams;
@@ -326,6 +326,28 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
             assert!((facts.sum - sum).abs() <= 1e-9 * sum && facts.reached == exact.len() as u64, "{name}");
             assert_eq!(facts.farthest, exact.iter().copied().fold(0., f32::max), "{name}");
         }
+    }
+}
+
+/// Regression: the search went on to the last landmark, for minutes if they were many, since it needs no front once it
+/// has kept all rows, and only fronts asked for the stop flag.
+#[test]
+fn a_greedy_search_ends_when_it_is_cancelled() {
+    let built = build(&zoo::grid(5));
+    let weighted = built.weighted(Metric::default());
+    let graph = weighted.csr();
+    for sampling in [Sampling::Greedy, Sampling::PooledGreedy] {
+        let (run, mut found) = (Run::new(&()), 0);
+        let mut front = Front::new(mean_weight(graph));
+        let search = SearchGraph { graph, nodes: built.graph.nodes.view(), lengths: None };
+        let mut space = GraphSpace::new(search, &mut front, &(), &run);
+        let cancel_at_first = &mut |_, _: Option<&[f32]>| {
+            found += 1;
+            run.cancel.cancel();
+            Ok(())
+        };
+        let stopped = space.sample(&sampling, 40, &mut vec![0f32; graph.len()], cancel_at_first);
+        assert!(matches!(stopped, Err(Error::Cancelled)) && found == 1, "{sampling:?}: {found} landmarks");
     }
 }
 

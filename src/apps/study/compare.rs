@@ -95,7 +95,8 @@ impl CompareParams {
             return refused("seeds", "none is given", "measure under at least one");
         }
         if !(self.width > 0. && self.width.is_finite()) {
-            return refused("width", "is not a positive number", "give a number of mean distances");
+            let problem = format!("{} is not a positive number", self.width);
+            return refused("width", &problem, "give a number of mean distances");
         }
         self.kernel.check()
     }

@@ -133,10 +133,14 @@ fn has_opposite_normals(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not match `from`; [`Error::Unusable`] if most of `to` lies far from `from`;
-/// [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
+/// [`Error::Parameter`] for labels that do not match `from`; [`Error::Unusable`] if no face of `from` has one, or most
+/// of `to` lies far from `from`; [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
 pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) -> Result<Transferred> {
-    Labelling { labels, colours: &[], quality: None, names: &[] }.fit(from.faces.len())?;
+    Labelling::of(labels).fit(from.faces.len())?;
+    if labels.iter().all(|&label| label == UNLABELLED) {
+        let problem = format!("none of its {} faces has a label", labels.len());
+        return Err(Error::unusable(from.path(), problem, "label them first"));
+    }
     let (m, n) = (from.faces.len(), to.faces.len());
     let (from, to) = (&from.without_strays(context.run)?, &to.without_strays(context.run)?);
     let frame = UnitFrame::of(from, context.run)?;

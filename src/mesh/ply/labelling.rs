@@ -87,6 +87,13 @@ pub fn colour_of(colours: &[[u8; 3]], label: u32) -> [u8; 3] {
     colours.get(place).copied().unwrap_or(GREY)
 }
 
+impl<'a> Labelling<'a> {
+    /// Labels alone, one per face: without qualities and names, and grey where a format has colours.
+    pub fn of(labels: &'a [u32]) -> Self {
+        Self { labels, colours: &[], quality: None, names: &[] }
+    }
+}
+
 impl Labelling<'_> {
     /// The name of `label`, if it has one.
     pub fn name(&self, label: usize) -> Option<&str> {

@@ -150,7 +150,7 @@ impl<'a> Sequencer<'a> {
             run.stage("coordinates", "faces", graph.nodes.len() as u64, make)?;
         if sweeps > 0 {
             let vertices = self.vertices()?;
-            let all = (sweeps * n) as u64;
+            let all = (sweeps as u64).saturating_mul(n as u64);
             first = run.stage("sweeps", "vertices", all, || sequence::sweep(vertices, first, sweeps, self.context))?.0;
         }
         let along = &first.data()[..];
