@@ -28,7 +28,7 @@ const FILE: &str = "vertex_blocks.tmp";
 pub(super) fn corners_a_block(corners: u64, threads: u64, room: u64) -> u64 {
     // Blocks are numbered in 16 bits.
     let least = corners.div_ceil(u64::from(SEVERAL) - 2).max(3 << 10);
-    (room / threads.saturating_mul(PER_CORNER + 4 * 12)).clamp(least, CORNERS.max(least))
+    (room / threads.max(1).saturating_mul(PER_CORNER + 4 * 12)).clamp(least, CORNERS.max(least))
 }
 
 /// Bytes needed for matching blocks of `corners` corners.

@@ -98,8 +98,8 @@ impl Faces {
         }
     }
 
-    /// The face that corner number `corner` belongs to. Constant time for triangles and where all faces have the same
-    /// number of corners, else a search from a good guess.
+    /// The face that corner number `corner`, below [`Faces::corner_count`], belongs to. Constant time for triangles and
+    /// where all faces have the same number of corners, else a search from a good guess.
     #[inline]
     pub fn face_of_corner(&self, corner: usize) -> usize {
         match self {
@@ -113,7 +113,7 @@ impl Faces {
                     (low, step) = (low.saturating_sub(step), step * 2);
                 }
                 step = 1;
-                while starts[high] as usize <= corner {
+                while high < n && starts[high] as usize <= corner {
                     (high, step) = ((high + step).min(n), step * 2);
                 }
                 low + starts[low..high].partition_point(|&start| start as usize <= corner) - 1

@@ -2,6 +2,9 @@
 //! where that is asked for, and the caller hears of progress and can stop.
 
 use nystrom_stream::apps::evaluate::Evaluator;
+use nystrom_stream::apps::picture::best_view;
+use nystrom_stream::apps::sequence::{VertexUse, places};
+use nystrom_stream::graph::DualGraph;
 use nystrom_stream::mesh::Faces;
 use nystrom_stream::mesh::split_faces::FaceSplit;
 use nystrom_stream::options::{
@@ -9,7 +12,7 @@ use nystrom_stream::options::{
     Walls,
 };
 use nystrom_stream::pipeline::labels::Labels;
-use nystrom_stream::store::{Run, WorkDir};
+use nystrom_stream::store::{Context, Run, WorkDir};
 use nystrom_stream::{
     Cancel, Error, LabelTransfer, Labelling, Matcher, Mesh, Progress, SamplingQuality, SaveOptions, Segmenter,
     Sequencer, evaluate,
@@ -401,6 +404,16 @@ fn errors_name_what_was_given_and_a_remedy_that_helps() {
         let error = result.unwrap_err().to_string();
         assert!(error.starts_with(text), "{error}");
     };
+    let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
+    let context = Context::new(&work, &run);
+    told(VertexUse::of(&mesh, short, context).map(drop), "place: ");
+    told(places("places", &mesh, &[0], context).map(drop), "rank: ");
+    told(best_view(&mesh, Some(short), 1, &run).map(drop), "labels: ");
+    // It divided by 0; and it looked for a corner beyond the last for ever.
+    let none = Run { threads: 0, ..Run::new(&()) };
+    DualGraph::build(&mesh, "mesh".as_ref(), &"mesh".into(), Context::new(&work, &none)).unwrap();
+    let quads = Mesh::from_slices(&[[0f32; 3]; 4], &[[0, 1, 2, 3], [3, 2, 1, 0]]).unwrap();
+    assert_eq!(quads.faces.face_of_corner(99), 1);
     let none = vec![UNLABELLED; mesh.faces.len()];
     told(LabelTransfer::new().run(&mesh, &none, &mesh).map(drop), "<arrays>: none of its ");
     told(Segmenter::new().work_dir("").run(&mesh).map(drop), "\"\": cannot ");

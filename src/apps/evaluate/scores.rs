@@ -113,7 +113,7 @@ impl Evaluator {
         count((labels.labels, &labels.numbering), (truth.labels, &truth.numbering), self.areas.as_deref())
     }
 
-    /// All metrics of a pair.
+    /// All metrics of a pair, both prepared by this evaluator.
     pub fn compare(&self, labels: &Segmentation, truth: &Segmentation) -> Scores {
         let cuts = self.edges.as_ref().zip(labels.cut.as_ref()).zip(truth.cut.as_ref());
         let cut_discrepancy = cuts.and_then(|((edges, one), other)| discrepancy(edges, one, other));

@@ -22,7 +22,7 @@ use crate::store::{Context, MappedSlice, WorkDir};
 pub use fiedler::sweep;
 pub use ranks::{bfs_ranks, hilbert_ranks, pca_ranks, random_ranks, ranks_along, rcm_ranks};
 use serde::{Deserialize, Serialize};
-use sorting::{Push, Scatter, sorted};
+use sorting::{Push, Scatter, check_items, sorted};
 use std::ops::Range;
 pub use stream_measures::{ComparedOrder, StreamMeasures, table};
 pub use vertex_use::VertexUse;
@@ -71,8 +71,9 @@ impl SequenceOrder {
 /// by the second, then by the least, then by number. Faces without corners come last.
 ///
 /// # Errors
-/// As [`bfs_ranks`].
+/// As [`bfs_ranks`]; [`crate::base::Error::Parameter`] unless there is a rank for every vertex.
 pub fn places(name: &str, mesh: &Mesh, rank: &[u32], context: Context<'_>) -> Result<MappedSlice<u32>> {
+    check_items("rank", rank.len(), mesh.positions.len())?;
     let n = mesh.faces.len();
     let scatter = Scatter::new(name, n, context)?;
     let mut out = scatter.producer();

@@ -3,8 +3,8 @@
 //! Both use a shuffle within the budget, on disk where memory does not suffice. Records of W numbers take 4 W bytes,
 //! values 8 bytes and 4 more in the finished array.
 
-use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::{Error, Result};
 use crate::store::npy::ArrayMut;
 use crate::store::shuffle::Producer;
 use crate::store::shuffle::{BudgetedShuffle, Splitters};
@@ -12,6 +12,14 @@ use crate::store::{Context, MappedSlice, Run};
 use std::ops::Range;
 
 const CHUNK: usize = 1 << 14;
+
+/// Rejects an array `name` of another number of items than there are vertices or faces.
+pub(super) fn check_items(name: &str, items: usize, wanted: usize) -> Result<()> {
+    if items == wanted {
+        return Ok(());
+    }
+    Err(Error::parameter(name, format!("{items} items instead of {wanted}"), "give those of the same mesh"))
+}
 
 /// Receives records as they are made.
 pub(super) type Push<'a, const W: usize> = &'a mut dyn FnMut([u32; W]) -> Result<()>;

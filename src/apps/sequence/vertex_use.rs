@@ -3,7 +3,7 @@
 //! Two external sorts: uses by vertex, of which the first and last matter, then vertices by first use. Unused vertices
 //! come last, in file order. 12 bytes per corner and per vertex through the sorts, 12 per vertex kept temporarily.
 
-use super::sorting::{Push, Scatter, sorted};
+use super::sorting::{Push, Scatter, check_items, sorted};
 use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
@@ -28,8 +28,10 @@ impl VertexUse {
     /// Uses of the vertices of `mesh`, whose face f has the position `place[f]`.
     ///
     /// # Errors
-    /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
+    /// [`crate::base::Error::Parameter`] unless there is a position for every face; [`crate::base::Error::Io`],
+    /// [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
     pub fn of(mesh: &Mesh, place: &[u32], context: Context<'_>) -> Result<Self> {
+        check_items("place", place.len(), mesh.faces.len())?;
         let n = mesh.positions.len();
         let (first, slot, last) = uses(mesh, place, context)?;
         let scatter = Scatter::new(FILES[3], n, context)?;
