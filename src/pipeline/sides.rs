@@ -323,8 +323,8 @@ impl Guidance {
 }
 
 pub(super) fn no_alternative(asked: usize, found: usize) -> Error {
-    let problem = format!("there is no alignment {asked}: {found} fit, counted from 0");
-    Error::parameter("alternative", problem, "choose one of those in the report")
+    let problem = format!("there is no alignment {asked} among {found}");
+    Error::parameter("alternative", problem, "count from 0; the report lists them")
 }
 
 /// The inputs of a refinement.
