@@ -214,7 +214,7 @@ impl TriangleNeighbours {
 /// Nearly every face has three neighbours. With their numbers and the weights in one record, a front reads one cache
 /// line per node instead of three and no row start, and its inner loop has a fixed length: with large pages a row takes
 /// about half the time (`benches/records`). It is a copy, 24 bytes per node beside the sparse matrix, so it is built
-/// only if many rows will be computed and half of the budget stays free; otherwise fronts use the matrix, with the same
+/// only if many rows will be computed and the budget has room; otherwise fronts use the matrix, with the same
 /// result.
 #[derive(Debug)]
 pub struct TriangleAdjacency {

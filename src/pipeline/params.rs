@@ -13,9 +13,9 @@ use crate::graph::order::{Order, OrderParams};
 use crate::landmarks::Sampling;
 use crate::spectral::EmbeddingParams;
 use crate::spectral::embedding::fit_bytes;
-use crate::store::Run;
 use crate::store::budget::Grant;
 use crate::store::needs::BESIDE_BUDGET;
+use crate::store::{Budget, Run};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -350,8 +350,8 @@ impl SegmentParams {
         Ok(())
     }
 
-    /// Rejects more landmarks than half of the budget has room for, before rows are computed; arrays may use the other
-    /// half.
+    /// Rejects more landmarks than [`Budget::left_to_stages`] has room for, before rows are computed; arrays may use
+    /// the rest.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -360,7 +360,7 @@ impl SegmentParams {
         let nodes = if self.contracts(faces) { NODES } else { faces } as u64;
         let landmarks = self.landmarks_of(faces).min(faces) as u64;
         let needed = self.cluster.bytes_of_budget(landmarks, nodes);
-        let available = run.budget.total() / 2;
+        let available = Budget::left_to_stages(run.budget.total());
         if needed > available {
             return Err(Error::Memory { what: WHAT_LANDMARKS_TAKE, needed, available, remedy: LESS_WORK });
         }

@@ -42,6 +42,12 @@ impl Budget {
         [available_memory(), control_group_limit()].into_iter().flatten().min()
     }
 
+    /// What arrays in memory leave of a budget of `total` bytes to the stages: half, but no more than 3 GiB, since no
+    /// stage needs more. A gigabyte more of arrays then needs a gigabyte more of budget, not two.
+    pub fn left_to_stages(total: u64) -> u64 {
+        (total / 2).min(3 << 30)
+    }
+
     /// The size of the whole budget.
     pub fn total(&self) -> u64 {
         self.total

@@ -47,11 +47,11 @@ impl AlignedBuffer {
         Self { words, _grant: grant }
     }
 
-    /// Memory for at least `bytes` bytes on large pages, if `budget` can spare them: half of it stays free for others.
+    /// Memory for at least `bytes` bytes on large pages, if `budget` can spare them: [`Budget::left_to_stages`].
     /// The pages are first touched by the threads that fill them.
     pub fn try_new(budget: &Budget, bytes: usize) -> Option<Self> {
         let bytes = bytes.next_multiple_of(size_of::<u64>()) as u64;
-        if budget.left() < bytes.saturating_add(budget.total() / 2) {
+        if budget.left() < bytes.saturating_add(Budget::left_to_stages(budget.total())) {
             return None;
         }
         Some(Self::of(budget.take("work arrays", bytes, bytes).ok()?))

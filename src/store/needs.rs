@@ -1,9 +1,10 @@
 //! What stages will need, estimated before a run: memory, disk while they run, disk that they keep.
 //!
 //! Each stage states it beside its code, in [`super::stage::Stage::needs`], by the same arithmetic that its code uses;
-//! `plan` adds them up. Arrays of a temporary directory are kept in memory while half of the budget stays free, so the
+//! `plan` adds them up. Arrays of a temporary directory are kept in memory while the budget has room, so the
 //! arrays of one stage determine what is left for the next: a [`BudgetEstimate`] is passed from stage to stage.
 
+use super::budget::Budget;
 use super::shuffle::Sizing;
 use serde::Serialize;
 
@@ -72,7 +73,7 @@ impl Needs {
     }
 }
 
-/// The budget as arrays in memory see it: they may use it while half of it stays free.
+/// The budget as arrays in memory see it: they may use it while [`Budget::left_to_stages`] stays free.
 #[derive(Clone, Debug)]
 pub struct BudgetEstimate {
     total: u64,
@@ -105,7 +106,7 @@ impl BudgetEstimate {
 
     /// How many of `bytes` are kept in memory, if arrays of any kind may be: all or nothing.
     pub fn reserve(&mut self, bytes: u64) -> u64 {
-        let held = if self.left() >= bytes + self.total / 2 { bytes } else { 0 };
+        let held = if self.left() >= bytes + Budget::left_to_stages(self.total) { bytes } else { 0 };
         self.used += held;
         held
     }

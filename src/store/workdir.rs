@@ -173,7 +173,7 @@ impl WorkDir {
         Ok(work)
     }
 
-    /// A temporary work directory that keeps all arrays in memory as long as half of `budget` stays free; its folder,
+    /// A temporary work directory that keeps all arrays in memory as long as `budget` has room; its folder,
     /// in `parent`, is created with the first file that does not fit, and removed when dropped.
     pub fn in_memory(parent: &Path, budget: &Budget) -> Self {
         let mut work = Self::of(WorkFolder::deferred(parent), Manifest::new());
@@ -181,7 +181,7 @@ impl WorkDir {
         work.holding(budget)
     }
 
-    /// The same directory; if temporary, it keeps arrays in memory as long as half of `budget` stays free.
+    /// The same directory; if temporary, it keeps arrays in memory as long as [`Budget::left_to_stages`] stays free.
     #[must_use]
     pub fn holding(mut self, budget: &Budget) -> Self {
         self.arrays = self.temporary.then(|| Arc::new(InMemoryArrays::new(budget, self.folder.clone())));
