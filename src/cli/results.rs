@@ -1,7 +1,6 @@
 //! The sources of outputs: the labels of a mesh, and additional data for tables and pages.
 
 use super::output::{FormArgs, Output};
-use super::sink::folder_of;
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::parquet::{self, Coordinates};
 use nystrom_stream::apps::export::{Form, csv};
@@ -148,11 +147,4 @@ fn embedding(
     };
     let coordinates = context.work.array_of(embed::FILE, faces.saturating_mul(facts.dimensions))?;
     Ok((coordinates, facts.dimensions))
-}
-
-/// The result of `measure`, without reporting its stages; the adjacency graph is stored beside `path`.
-pub fn measured<R>(path: &Path, run: &Run, measure: impl FnOnce(Context<'_>) -> Result<R>) -> Result<R> {
-    let work = WorkDir::temporary(&folder_of(path))?.holding(&run.budget);
-    let silent = Run { threads: run.threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..Run::new(&()) };
-    measure(Context::new(&work, &silent))
 }

@@ -7,8 +7,9 @@ use super::options::{AppContext, ForceArgs, RunArgs, ScratchArgs};
 use super::output::{FormArgs, JsonArgs, Output, scratch_folder};
 use super::progress::Bars;
 use super::provenance::Provenance;
-use super::results::{Cut, measured};
+use super::results::Cut;
 use nystrom_stream::apps::edits::Edits;
+use nystrom_stream::apps::export::csv;
 use nystrom_stream::apps::measure;
 use nystrom_stream::base::{Progress, Result};
 use nystrom_stream::pipeline::edits::Corrections;
@@ -229,7 +230,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     let mut all = report()?;
     if args.measure {
         let of_parts = |context: Context<'_>| measure::parts(&opened, &result.labels, result.colours.len(), context);
-        all.measures = Some(measured(&work.file("measures"), run, of_parts)?);
+        all.measures = Some(csv::measured(&work.file("measures"), run, of_parts)?);
     }
     Ok(all)
 }

@@ -15,9 +15,15 @@ use std::path::Path;
 /// # Errors
 /// As [`measure::labelled`]; [`crate::base::Error::Io`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, agreement: &[f64], run: &Run) -> Result<()> {
-    // Its stages are part of writing.
-    let silent = Run { threads: run.threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..Run::new(&()) };
-    let work = scratch_beside(path, &silent);
-    let measures = measure::labelled(mesh, labelling.labels, Context::new(&work, &silent))?;
+    let measures = measured(path, run, |context| measure::labelled(mesh, labelling.labels, context))?;
     json::publish(path, measure::table(&measures, labelling.colours, labelling.names, agreement).as_bytes())
+}
+
+/// The result of `measure`, without reporting its stages; the adjacency graph is kept in memory or beside `path`.
+///
+/// # Errors
+/// Those of `measure`.
+pub fn measured<R>(path: &Path, run: &Run, measure: impl FnOnce(Context<'_>) -> Result<R>) -> Result<R> {
+    let silent = Run { threads: run.threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..Run::new(&()) };
+    measure(Context::new(&scratch_beside(path, &silent), &silent))
 }

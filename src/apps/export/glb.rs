@@ -16,6 +16,7 @@ use crate::base::vector::{MapEach, area};
 use crate::base::{Error, Result};
 use crate::graph::Frame;
 use crate::mesh::output::{Gather, publish};
+use crate::mesh::ply::labelled::colour_of;
 use crate::mesh::{Labelling, Mesh};
 use crate::store::{Context, Run};
 use serde_json::{Value, json};
@@ -244,7 +245,7 @@ impl<'a> Scene<'a> {
         }
         let (mut materials, mut meshes, mut nodes) = (List::default(), List::default(), List::default());
         for (label, &count) in self.triangles.iter().enumerate().filter(|(_, count)| **count > 0) {
-            let colour = self.labelling.colours.get(label).copied().unwrap_or([128; 3]);
+            let colour = colour_of(self.labelling.colours, label as u32);
             let name = self.labelling.name(label).map_or_else(|| format!("part {label}"), String::from);
             let [r, g, b] = colour.map(linear);
             let primitive = json!({"attributes": attributes, "indices": accessors.count, "material": materials.count});

@@ -13,6 +13,7 @@ use super::{CHUNK, parts, scratch_beside};
 use crate::base::{Error, Result};
 use crate::mesh::import::{self, statements};
 use crate::mesh::output::{Gather, publish};
+use crate::mesh::ply::labelled::colour_of;
 use crate::mesh::ply::{Encoder, Encoding, Scalar};
 use crate::mesh::{Labelling, Mesh};
 use crate::store::npy::ArrayMut;
@@ -178,7 +179,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
         publish(&materials, 0, |file| {
             let mut text = String::from(OURS);
             for part in 0..parts {
-                let colour = labelling.colours.get(part).copied().unwrap_or([128; 3]);
+                let colour = colour_of(labelling.colours, part as u32);
                 // Rounded up, since MeshLab rounds down when it converts them to bytes.
                 let [r, g, b] = colour.map(|part| (f64::from(part) / 255. * 1e6).ceil() / 1e6);
                 text += &format!("newmtl part_{part}\nKd {r:.6} {g:.6} {b:.6}\nKa 0 0 0\nKs 0 0 0\nd 1\nillum 1\n");
