@@ -2,25 +2,22 @@
 //!
 //! If the pairs of half-edges are a table and no corner has two, the degrees of rows are known before the rows. So a
 //! first pass counts them, and each range of nodes has its place in the arrays: nothing is passed between threads, and
-//! no thread waits while another copies. Rows are those of [`super::dual_edges`], to the bit.
-//!
-//! Nearly every face has three corners and three different neighbours. Such a row is computed with its three edges in
-//! parallel lanes, and sorted by counting, without a branch: the order of three neighbours is nearly random. Cost:
-//! about 15 ns per face and thread, a third of it for square roots.
+//! no thread waits while another copies. Rows are those of [`super::dual_edges`], to the bit, by the same loop
+//! ([`super::face_rows`]).
 
 use super::csr::INDICES;
-use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, Entry, RowScratch};
-use super::half_edge_pairs::{AcrossCorner, HalfEdgePair, HalfEdgePairs, NO_NODE, OPPOSITE_WINDING};
+use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES};
+use super::face_rows::{FaceRows, RowScratch, Rows};
+use super::half_edge_pairs::{AcrossCorner, HalfEdgePairs, NO_NODE, OPPOSITE_WINDING};
 use super::node_geometry::NodeGeometry;
-use super::nodes::{Frame, Node};
+use super::nodes::Frame;
 use super::row_starts::StartsForm;
 use super::row_starts::writer::{PackedPart, RowStartsWriter};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range, parts_of};
-use crate::base::simd::{SimdKernel, dispatch};
+use crate::base::simd::dispatch;
 use crate::mesh::Mesh;
 use crate::store::Context;
-use std::ops::Range;
 
 /// Nodes that a thread takes at a time; a multiple of the block size of row starts.
 const NODES: usize = 1 << 14;
@@ -38,15 +35,15 @@ pub(super) fn assemble_in_memory(
     context: Context<'_>,
 ) -> Result<Option<DualEdges>> {
     let Context { work, run } = context;
-    let (Some(across), false) = (pairs.table(), nodes.is_computed()) else { return Ok(None) };
-    let nodes = nodes.array();
+    let (Some(pairs), false) = (pairs.table(), nodes.is_computed()) else { return Ok(None) };
     let (n, chunks) = (nodes.len(), chunk_count(nodes.len(), NODES));
     let rows = |k: usize| chunk_range(n, NODES, k);
     // Half a byte per node, until the row starts are written.
     let packed = n as u64 / 2;
     let Ok(grant) = run.budget.take("row starts", packed, packed) else { return Ok(None) };
-    let count =
-        |k: usize, (): &mut ()| Ok(PackedPart::of(rows(k).map(|face| degree(&across[mesh.faces.corner_range(face)]))));
+    let count = |k: usize, (): &mut ()| {
+        Ok(PackedPart::of(rows(k).map(|face| degree(&pairs.across()[mesh.faces.corner_range(face)]))))
+    };
     let parts = run.map_chunks(chunks, || (), count)?;
     let mut starts = RowStartsWriter::create(StartsForm::Packed, n, work)?;
     let mut ends = Vec::with_capacity(chunks);
@@ -64,12 +61,22 @@ pub(super) fn assemble_in_memory(
     let ends = || ends.iter().map(|end| *end as usize);
     let places =
         parts_of(indices.data(), ends()).zip(parts_of(lengths.data(), ends())).zip(parts_of(edges.data(), ends()));
-    let places = places.map(|((indices, lengths), edges)| Rows { indices, lengths, edges });
+    let places = places.map(|((indices, lengths), edges)| Rows { indices, centroid_distance: lengths, edge: edges });
     let mixed = run.fill_pieces(places, RowScratch::default, |k, out, scratch| {
         run.progress.advance("graph", rows(k).len() as u64);
-        let Rows { indices, lengths, edges } = out;
-        let out = Rows { indices, lengths, edges };
-        Ok(dispatch(Assembled { mesh, frame, nodes, across, range: rows(k), out, scratch }))
+        let (mut held, range) = (Vec::new(), rows(k));
+        let rows = FaceRows {
+            mesh,
+            frame,
+            nodes: nodes.window(range.clone(), &mut held),
+            pairs: &pairs,
+            range,
+            out: Rows { indices: out.indices, centroid_distance: out.centroid_distance, edge: out.edge },
+            degrees: &mut [],
+            listing: None,
+            scratch,
+        };
+        Ok(dispatch(rows).mixed)
     })?;
     Ok(Some(DualEdges {
         starts: starts.finish()?,
@@ -79,13 +86,6 @@ pub(super) fn assemble_in_memory(
         computed: None,
         mixed: mixed.contains(&true),
     }))
-}
-
-/// The slices for the entries of a range of rows.
-struct Rows<'a> {
-    indices: &'a mut [u32],
-    lengths: &'a mut [f32],
-    edges: &'a mut [f32],
 }
 
 /// The number of different nodes among those `across` the edges of a face.
@@ -101,110 +101,6 @@ fn degree(across: &[AcrossCorner]) -> u32 {
     all.sort_unstable();
     all.dedup();
     all.len() as u32
-}
-
-/// Fills the rows of `range`, for [`dispatch`]; returns whether any length of a shared edge is negative.
-struct Assembled<'a> {
-    mesh: &'a Mesh,
-    frame: &'a Frame,
-    nodes: &'a [Node],
-    /// The node across each corner's edge.
-    across: &'a [AcrossCorner],
-    range: Range<usize>,
-    out: Rows<'a>,
-    scratch: &'a mut RowScratch,
-}
-
-impl SimdKernel for Assembled<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn run(self) -> bool {
-        let Self { mesh, frame, nodes, across, range, out, scratch } = self;
-        let (mut at, mut mixed) = (0, false);
-        let (positions, frame) = (&mesh.positions, *frame);
-        let triangle = |face| mesh.faces.with(face, |corners| <[u32; 3]>::try_from(corners).ok());
-        // Not `for_each`: a closure that it calls in two places is not inlined, and would be compiled for the baseline
-        // processor.
-        for face in range {
-            let span = mesh.faces.corner_range(face);
-            if let (Some([a, b, c]), [x, y, z]) = (triangle(face), &across[span.clone()]) {
-                let links = [x.node(), y.node(), z.node()];
-                let near = [links[0] & !OPPOSITE_WINDING, links[1] & !OPPOSITE_WINDING, links[2] & !OPPOSITE_WINDING];
-                let three = (near[0] != near[1]) & (near[1] != near[2]) & (near[0] != near[2]);
-                let found = (nodes.get(near[0] as usize), nodes.get(near[1] as usize), nodes.get(near[2] as usize));
-                if let (Some(x), Some(y), Some(z)) = found
-                    && three
-                {
-                    let points =
-                        [frame.place(positions.get(a)), frame.place(positions.get(b)), frame.place(positions.get(c))];
-                    let [length, edge] = three_steps(points, &nodes[face], [x, y, z]);
-                    if length[0].is_finite() & length[1].is_finite() & length[2].is_finite() {
-                        let places = ranks(near);
-                        for k in 0..3 {
-                            let edge = if links[k] >= OPPOSITE_WINDING { -edge[k] } else { edge[k] };
-                            mixed |= edge < 0.;
-                            let e = at + places[k];
-                            (out.indices[e], out.lengths[e], out.edges[e]) = (near[k], length[k], edge);
-                        }
-                        at += 3;
-                        continue;
-                    }
-                }
-            }
-            let row = mesh.faces.with(face, |corners| {
-                let links = across[span.clone()].iter().map(AcrossCorner::node);
-                let pairs = span.clone().zip(links).filter(|(_, node)| *node != NO_NODE);
-                let pairs = pairs.map(|(corner, node)| HalfEdgePair { corner: corner as u32, node });
-                let points = corners.iter().map(|&v| frame.place(positions.get(v)));
-                scratch.row(points, span.start, &nodes[face], pairs, |node| nodes[node as usize])
-            });
-            for &Entry { node, centroid_distance, edge } in row {
-                mixed |= edge < 0.;
-                (out.indices[at], out.lengths[at], out.edges[at]) = (node, centroid_distance, edge);
-                at += 1;
-            }
-        }
-        mixed
-    }
-}
-
-/// The ranks of three different numbers in ascending order.
-#[inline(always)]
-fn ranks([a, b, c]: [u32; 3]) -> [usize; 3] {
-    let less = |x: u32, y: u32| usize::from(x < y);
-    [less(b, a) + less(c, a), less(a, b) + less(c, b), less(a, c) + less(b, c)]
-}
-
-/// Lengths of the steps from a triangle with the corners `points` to its neighbours, and of the edges that leave the
-/// corners: what [`super::dual_edges`] computes one by one. In four lanes, the last of which is unused.
-#[inline(always)]
-fn three_steps(points: [[f64; 3]; 3], own: &Node, near: [&Node; 3]) -> [[f32; 3]; 2] {
-    let (mut from, mut to, mut edge) = ([0f64; 4], [0f64; 4], [0f64; 4]);
-    let [p, q, r] = points;
-    let [x, y, z] = near;
-    for axis in 0..3 {
-        let start = [p[axis], q[axis], r[axis], r[axis]];
-        let end = [q[axis], r[axis], p[axis], p[axis]];
-        let own = f64::from(own.centroid[axis]);
-        let [x, y, z] = [f64::from(x.centroid[axis]), f64::from(y.centroid[axis]), f64::from(z.centroid[axis])];
-        let near = [x, y, z, z];
-        for lane in 0..4 {
-            let middle = (start[lane] + end[lane]) * 0.5;
-            let (a, b, c) = (own - middle, near[lane] - middle, start[lane] - end[lane]);
-            // The sum starts with the first square: adding it to 0 would change no bit.
-            from[lane] += a * a;
-            to[lane] += b * b;
-            edge[lane] += c * c;
-        }
-    }
-    let mut found = [[0f32; 4]; 2];
-    for lane in 0..4 {
-        found[0][lane] = (from[lane].sqrt() + to[lane].sqrt()) as f32;
-        found[1][lane] = edge[lane].sqrt() as f32;
-    }
-    let [[a, b, c, _], [d, e, f, _]] = found;
-    [[a, b, c], [d, e, f]]
 }
 
 #[cfg(test)]

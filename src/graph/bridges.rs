@@ -12,7 +12,8 @@
 //! large; 1 to 2 µs per component and thread.
 
 use super::components::{ComponentTable, Components};
-use super::dual_edges::{DualEdges, EdgesWriter, Entry};
+use super::dual_edges::{DualEdges, EdgesWriter};
+use super::face_rows::Entry;
 use super::node_geometry::NodeGeometry;
 use super::ranked_tree::{RankedPoint, RankedTree};
 use crate::base::{Error, Result};

@@ -1,26 +1,25 @@
 //! The edges of the dual graph from half-edge pairs: sorted, without duplicates, with the length of each step.
 //!
-//! Buckets of pairs arrive in node order; a counting sort by corner groups them by node, and each row is sorted by
-//! neighbour. The length of a step is |c_i − mid| + |c_j − mid| over the midpoint of the shared edge
-//! (`graph_centroid_distances`, in the frame; |c_i − c_j| if the midpoint is not finite); the edge's own length is
-//! stored beside it. Two faces that share several edges get one entry: the shortest step, the summed edge length. Both
-//! directions are computed from the same numbers by a symmetric formula, so they agree to the bit.
+//! Parts of the pairs arrive in node order, and each becomes rows (`face_rows.rs`): neighbours, lengths of steps
+//! (`graph_centroid_distances`), lengths of shared edges.
 //!
 //! Workers assemble buckets, one thread appends them in order: ½ + 12 + 12 + 12 bytes per triangle, written
 //! sequentially; the last 12 are omitted if geometry is computed ([`super::node_geometry`]). If everything fits in
 //! memory, workers write the rows in place instead (`assemble_in_memory.rs`).
 
 use super::csr::{Csr, INDICES};
-use super::half_edge_pairs::{HalfEdgePair, HalfEdgePairs};
+use super::face_rows::{FaceRows, Listing, RowScratch, Rows};
+use super::half_edge_pairs::{HalfEdgePairs, PartPairs};
 use super::node_geometry::{ComputedEdges, ListedEdge, MOST_LISTED, NodeGeometry, SharedEdges};
-use super::nodes::{Frame, Node};
+use super::nodes::Frame;
 use super::row_starts::writer::RowStartsWriter;
 use super::row_starts::{OwnedRowStarts, StartsForm};
 use crate::base::Result;
-use crate::base::vector::{distance, middle, wide};
+use crate::base::simd::dispatch;
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
 use crate::store::{Context, MappedSlice, WorkDir};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// The file of the centroid distances.
@@ -114,14 +113,6 @@ impl DualEdges {
     }
 }
 
-/// An entry of a row under construction.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Entry {
-    pub node: u32,
-    pub centroid_distance: f32,
-    pub edge: f32,
-}
-
 /// Writes the arrays of [`DualEdges`] from front to back.
 pub(super) struct EdgesWriter {
     starts: RowStartsWriter,
@@ -186,11 +177,7 @@ pub fn assemble(
     context.run.in_order(
         pairs.parts(),
         || (),
-        |part, ()| {
-            let mut part = assemble_part(mesh, frame, nodes, pairs.nodes_of(part), &pairs.take(part, mesh)?);
-            part.list_edges(nodes);
-            Ok(part)
-        },
+        |part, ()| Ok(assemble_part(mesh, frame, nodes, pairs.nodes_of(part), &pairs.take(part, mesh)?)),
         |_, part| {
             context.run.progress.advance("graph", part.degrees.len() as u64);
             let room = MOST_LISTED.saturating_sub(listed.len());
@@ -208,7 +195,6 @@ pub fn assemble(
 
 /// The rows of a range of nodes.
 struct NodeRange {
-    first: usize,
     degrees: Vec<u32>,
     indices: Vec<u32>,
     centroid_distance: Vec<f32>,
@@ -217,140 +203,37 @@ struct NodeRange {
     listed: Vec<ListedEdge>,
 }
 
-impl NodeRange {
-    /// Lists the edges whose lengths cannot be computed from `nodes`.
-    fn list_edges(&mut self, nodes: &NodeGeometry) {
-        let Some(mesh) = nodes.mesh() else { return };
-        let mut entry = 0;
-        for (from, &degree) in (self.first..).zip(&self.degrees) {
-            let own = mesh.row(from);
-            for _ in 0..degree {
-                let (to, edge) = (self.indices[entry], self.edges[entry]);
-                if mesh.shared(&own, to as usize).to_bits() != edge.to_bits() {
-                    self.listed.push((from as u32, to, edge));
-                }
-                entry += 1;
-            }
-        }
-    }
-}
-
-/// Assembles the rows of the nodes of `range`, whose `pairs` come in the order of their corners.
+/// Assembles the rows of the nodes of `range`, which have these `pairs`.
 fn assemble_part(
     mesh: &Mesh,
     frame: &Frame,
     nodes: &NodeGeometry,
-    range: std::ops::Range<usize>,
-    pairs: &[HalfEdgePair],
+    range: Range<usize>,
+    pairs: &PartPairs<'_>,
 ) -> NodeRange {
+    let most = pairs.len();
     let mut part = NodeRange {
-        first: range.start,
+        degrees: vec![0; range.len()],
+        indices: vec![0; most],
+        centroid_distance: vec![0.; most],
+        edges: vec![0.; most],
         listed: Vec::new(),
-        degrees: Vec::with_capacity(range.len()),
-        indices: Vec::with_capacity(pairs.len()),
-        centroid_distance: Vec::with_capacity(pairs.len()),
-        edges: Vec::with_capacity(pairs.len()),
     };
-    let mut held = Vec::new();
-    let window = nodes.window(range.clone(), &mut held);
-    let (mut rest, mut scratch) = (pairs, RowScratch::default());
-    mesh.faces.for_each(range, |face, corners| {
-        let span = mesh.faces.corner_range(face);
-        let count = rest.iter().take_while(|pair| (pair.corner as usize) < span.end).count();
-        let (mine, after) = rest.split_at(count);
-        rest = after;
-        let points = corners.iter().map(|&v| frame.place(mesh.positions.get(v)));
-        let row =
-            scratch.row(points, span.start, &window.at(face), mine.iter().copied(), |node| window.at(node as usize));
-        part.indices.extend(row.iter().map(|entry| entry.node));
-        part.centroid_distance.extend(row.iter().map(|entry| entry.centroid_distance));
-        part.edges.extend(row.iter().map(|entry| entry.edge));
-        part.degrees.push(row.len() as u32);
-    });
+    let (mut held, mut scratch) = (Vec::new(), RowScratch::default());
+    let rows = FaceRows {
+        mesh,
+        frame,
+        nodes: nodes.window(range.clone(), &mut held),
+        pairs,
+        range,
+        out: Rows { indices: &mut part.indices, centroid_distance: &mut part.centroid_distance, edge: &mut part.edges },
+        degrees: &mut part.degrees,
+        listing: nodes.mesh().map(|mesh| Listing { mesh, listed: &mut part.listed }),
+        scratch: &mut scratch,
+    };
+    let entries = dispatch(rows).entries;
+    part.indices.truncate(entries);
+    part.centroid_distance.truncate(entries);
+    part.edges.truncate(entries);
     part
-}
-
-/// Buffers for a row under construction.
-#[derive(Default)]
-pub(super) struct RowScratch {
-    points: Vec<[f64; 3]>,
-    row: Vec<Entry>,
-}
-
-impl RowScratch {
-    /// The row of the face `own`, whose corners lie at `points` and are numbered from `first` on: one entry for each
-    /// neighbour in its `pairs`, ascending. `node` returns a neighbour's node.
-    #[inline]
-    pub fn row(
-        &mut self,
-        points: impl Iterator<Item = [f64; 3]>,
-        first: usize,
-        own: &Node,
-        pairs: impl Iterator<Item = HalfEdgePair>,
-        node: impl Fn(u32) -> Node,
-    ) -> &[Entry] {
-        let Self { points: held, row } = self;
-        held.clear();
-        held.extend(points);
-        row.clear();
-        row.extend(pairs.map(|pair| {
-            let slot = pair.corner as usize - first;
-            let end = if slot + 1 == held.len() { 0 } else { slot + 1 };
-            let mut entry = step(own, &node(pair.to()), pair.to(), [held[slot], held[end]]);
-            if pair.opposite_winding() {
-                entry.edge = -entry.edge;
-            }
-            entry
-        }));
-        if let [a, b, c] = &mut row[..]
-            && a.node != b.node
-            && b.node != c.node
-            && a.node != c.node
-        {
-            // Nearly every row: three different neighbours.
-            for (x, y) in [(0, 1), (1, 2), (0, 1)] {
-                if row[x].node > row[y].node {
-                    row.swap(x, y);
-                }
-            }
-            return row;
-        }
-        merge_row(row);
-        row
-    }
-}
-
-/// Sorts a row by neighbour and merges entries for the same neighbour.
-fn merge_row(row: &mut Vec<Entry>) {
-    // Ties are broken by value, so the order of pairs does not matter.
-    row.sort_unstable_by(|a, b| {
-        a.node.cmp(&b.node).then(a.centroid_distance.total_cmp(&b.centroid_distance)).then(a.edge.total_cmp(&b.edge))
-    });
-    row.dedup_by(|entry, kept| {
-        let same = entry.node == kept.node;
-        if same {
-            merge(kept, entry);
-        }
-        same
-    });
-}
-
-/// Merges a second edge between two faces into the first: the shorter finite step, the summed edge length.
-fn merge(kept: &mut Entry, entry: &Entry) {
-    kept.centroid_distance = kept.centroid_distance.min(entry.centroid_distance);
-    kept.edge = (kept.edge.abs() + entry.edge.abs()).copysign(kept.edge);
-}
-
-/// The entry for the step from `from` to `to` over the edge between `ends` (in the frame).
-#[inline]
-fn step(from: &Node, to: &Node, node: u32, ends: [[f64; 3]; 2]) -> Entry {
-    let mid = middle(ends[0], ends[1]);
-    let (from, to) = (wide(from.centroid), wide(to.centroid));
-    let centroid_distance = (distance(from, mid) + distance(to, mid)) as f32;
-    let edge = distance(ends[0], ends[1]) as f32;
-    if centroid_distance.is_finite() {
-        Entry { node, centroid_distance, edge }
-    } else {
-        Entry { node, centroid_distance: distance(from, to) as f32, edge: 0. }
-    }
 }

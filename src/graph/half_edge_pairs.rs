@@ -3,8 +3,8 @@
 //! If the budget has room for 4 bytes per corner, pairs go to a table indexed by corner. Nearly every corner has one
 //! pair, so the table is already the sorted list. The second pair of a corner (a middle face of an edge of three) goes
 //! to a separate list. Otherwise pairs within a block of faces are matched again when the block is taken, and only
-//! those between blocks are shuffled, 8 bytes each; without blocks all are. Every method delivers the same pairs in the
-//! same order.
+//! those between blocks are shuffled, 8 bytes each; without blocks all are. Every method delivers a part's pairs in the
+//! form of the table.
 
 use super::half_edge_block::BlockMatcher;
 use super::half_edge_sort::Match;
@@ -209,11 +209,11 @@ impl<'a> HalfEdgePairs<'a> {
         }
     }
 
-    /// The table of the node across each corner's edge, or [`NO_NODE`]; `None` unless it is used and no corner has two
-    /// pairs.
-    pub(super) fn table(&self) -> Option<&[AcrossCorner]> {
+    /// All pairs; `None` unless they are a table and no corner has two.
+    pub(super) fn table(&self) -> Option<PartPairs<'_>> {
         let Kind::Table { across, more, .. } = &self.kind else { return None };
-        lock(more).is_empty().then_some(across)
+        let all = || PartPairs { first: 0, across: Table::Shared(across), more: Vec::new() };
+        lock(more).is_empty().then(all)
     }
 
     /// Upper bound on the number of pairs.
@@ -243,47 +243,114 @@ impl<'a> HalfEdgePairs<'a> {
         }
     }
 
-    /// Removes and returns the pairs of a part, in the order of their corners.
+    /// Removes and returns the pairs of a part.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`].
-    pub(super) fn take(&self, part: usize, mesh: &Mesh) -> Result<Vec<HalfEdgePair>> {
-        let range = self.nodes_of(part);
-        if range.is_empty() {
-            return Ok(Vec::new());
-        }
-        let first = mesh.faces.corner_range(range.start).start;
-        let corners = first..mesh.faces.corner_range(range.end - 1).end;
+    pub(super) fn take(&self, part: usize, mesh: &Mesh) -> Result<PartPairs<'_>> {
+        let corners = corners_of(mesh, self.nodes_of(part));
         match &self.kind {
             Kind::Table { across, more, .. } => {
-                let mut pairs = Vec::with_capacity(corners.len());
-                pairs.extend(corners.clone().zip(&across[corners.clone()]).filter_map(|(corner, across)| {
-                    let node = across.node();
-                    (node != NO_NODE).then_some(HalfEdgePair { corner: corner as u32, node })
-                }));
                 let more = lock(more);
                 let place = |corner: usize| more.partition_point(|pair| (pair.corner as usize) < corner);
-                let mine = &more[place(corners.start)..place(corners.end)];
-                if !mine.is_empty() {
-                    pairs.extend_from_slice(mine);
-                    pairs.sort_unstable();
-                }
-                Ok(pairs)
+                let more = more[place(corners.start)..place(corners.end)].to_vec();
+                Ok(PartPairs { first: corners.start, across: Table::Shared(&across[corners]), more })
             }
-            Kind::Shuffled { sized, .. } => Ok(sorted(corners, &sized.shuffle.take(part)?)),
+            Kind::Shuffled { sized, .. } => {
+                let mut own = OwnTable::new(corners);
+                sized.shuffle.take(part)?.into_iter().for_each(|pair| own.push(pair));
+                Ok(own.finish())
+            }
             Kind::Within { between, blocks, .. } => {
-                let mut pairs = between.take(part)?;
-                pairs.reserve(corners.len());
+                let mut own = OwnTable::new(corners);
+                between.take(part)?.into_iter().for_each(|pair| own.push(pair));
                 if let Some(blocks) = blocks {
                     let join = |pair: Match| {
-                        pairs.push(HalfEdgePair::of(pair));
+                        own.push(HalfEdgePair::of(pair));
                         Ok(())
                     };
                     BlockMatcher::default().match_block(mesh, blocks, part, join, |_, _| Ok(()))?;
                 }
-                Ok(sorted(corners, &pairs))
+                Ok(own.finish())
             }
         }
+    }
+}
+
+/// The corners of a range of nodes.
+fn corners_of(mesh: &Mesh, nodes: Range<usize>) -> Range<usize> {
+    if nodes.is_empty() {
+        return 0..0;
+    }
+    mesh.faces.corner_range(nodes.start).start..mesh.faces.corner_range(nodes.end - 1).end
+}
+
+/// The pairs of consecutive corners: a table with one node per corner, and a list of the others, as in a
+/// [`HalfEdgePairs`] that is a table as a whole.
+#[derive(Debug)]
+pub(super) struct PartPairs<'a> {
+    /// The first corner of the table.
+    pub first: usize,
+    across: Table<'a>,
+    /// Pairs of corners that have several, besides those in the table; ascending.
+    pub more: Vec<HalfEdgePair>,
+}
+
+#[derive(Debug)]
+enum Table<'a> {
+    Shared(&'a [AcrossCorner]),
+    Own(Vec<AcrossCorner>),
+}
+
+impl PartPairs<'_> {
+    /// The node across each corner's edge, or [`NO_NODE`].
+    pub fn across(&self) -> &[AcrossCorner] {
+        match &self.across {
+            Table::Shared(across) => across,
+            Table::Own(across) => across,
+        }
+    }
+
+    /// The pairs of `corners` of the mesh, all of which are in the part; those in the table first.
+    pub fn of(&self, corners: Range<usize>) -> impl Iterator<Item = HalfEdgePair> + '_ {
+        let place = |corner: usize| self.more.partition_point(|pair| (pair.corner as usize) < corner);
+        let more = if self.more.is_empty() { 0..0 } else { place(corners.start)..place(corners.end) };
+        let nodes = self.across()[corners.start - self.first..corners.end - self.first].iter().map(AcrossCorner::node);
+        let pairs = corners.zip(nodes).filter(|(_, node)| *node != NO_NODE);
+        pairs.map(|(corner, node)| HalfEdgePair { corner: corner as u32, node }).chain(self.more[more].iter().copied())
+    }
+
+    /// Number of pairs.
+    pub fn len(&self) -> usize {
+        self.across().iter().filter(|across| across.node() != NO_NODE).count() + self.more.len()
+    }
+}
+
+/// The table of a part under construction.
+struct OwnTable {
+    first: usize,
+    across: Vec<AcrossCorner>,
+    more: Vec<HalfEdgePair>,
+}
+
+impl OwnTable {
+    fn new(corners: Range<usize>) -> Self {
+        Self { first: corners.start, across: zeroed_vec(corners.len()), more: Vec::new() }
+    }
+
+    #[inline]
+    fn push(&mut self, pair: HalfEdgePair) {
+        let place = &self.across[pair.corner as usize - self.first];
+        if place.node() == NO_NODE {
+            place.set(pair.node);
+        } else {
+            self.more.push(pair);
+        }
+    }
+
+    fn finish(mut self) -> PartPairs<'static> {
+        self.more.sort_unstable();
+        PartPairs { first: self.first, across: Table::Own(self.across), more: self.more }
     }
 }
 
@@ -327,24 +394,6 @@ impl PairSink<'_> {
             }
         }
     }
-}
-
-/// Groups pairs by corner with a counting sort.
-fn sorted(corners: Range<usize>, pairs: &[HalfEdgePair]) -> Vec<HalfEdgePair> {
-    let mut starts = vec![0u32; corners.len() + 1];
-    for pair in pairs {
-        starts[pair.corner as usize - corners.start + 1] += 1;
-    }
-    for i in 0..corners.len() {
-        starts[i + 1] += starts[i];
-    }
-    let mut sorted = vec![HalfEdgePair { corner: 0, node: 0 }; pairs.len()];
-    for pair in pairs {
-        let slot = &mut starts[pair.corner as usize - corners.start];
-        sorted[*slot as usize] = *pair;
-        *slot += 1;
-    }
-    sorted
 }
 
 #[cfg(test)]

@@ -328,9 +328,10 @@ mod tests {
                 assert_eq!((counts.boundary, counts.nonmanifold), (open, nonmanifold));
                 let mut found = Vec::new();
                 for part in 0..pairs.parts() {
-                    let mut some: Vec<(u32, u32)> =
-                        pairs.take(part, &mesh).unwrap().iter().map(|pair| (pair.corner, pair.node)).collect();
-                    assert!(some.is_sorted_by_key(|pair| pair.0));
+                    let (nodes, taken) = (pairs.nodes_of(part), pairs.take(part, &mesh).unwrap());
+                    let of_face = |face| taken.of(mesh.faces.corner_range(face)).map(|pair| (pair.corner, pair.node));
+                    let mut some: Vec<(u32, u32)> = nodes.flat_map(of_face).collect();
+                    assert_eq!(some.len(), taken.len());
                     some.sort_unstable();
                     found.extend(some);
                 }

@@ -14,6 +14,7 @@ pub mod components;
 pub mod csr;
 pub mod dual;
 pub mod dual_edges;
+mod face_rows;
 mod half_edge_block;
 pub mod half_edge_pairs;
 mod half_edge_sort;

@@ -189,10 +189,16 @@ pub struct NodeWindow<'a> {
 }
 
 impl NodeWindow<'_> {
+    /// The node `node` if it need not be computed.
+    #[inline(always)]
+    pub fn held(&self, node: usize) -> Option<&Node> {
+        self.items.get(node.wrapping_sub(self.first))
+    }
+
     /// The node `node`, inside or outside the range.
     #[inline(always)]
     pub fn at(&self, node: usize) -> Node {
-        match self.items.get(node.wrapping_sub(self.first)) {
+        match self.held(node) {
             Some(node) => *node,
             None => self.nodes.at(node),
         }
@@ -203,7 +209,7 @@ impl NodeWindow<'_> {
     /// time.
     #[inline(always)]
     pub fn look<'b>(&'b self, node: usize, computed: &'b mut Node) -> &'b Node {
-        match self.items.get(node.wrapping_sub(self.first)) {
+        match self.held(node) {
             Some(node) => node,
             None => {
                 *computed = self.nodes.at(node);
