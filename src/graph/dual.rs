@@ -13,8 +13,8 @@ use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, assemble};
 use super::half_edge_pairs::{OPPOSITE_WINDING, WithinNeeds};
 use super::node_blocks::NodeBlocks;
 use super::node_geometry::{ComputedGeometry, NodeGeometry};
-use super::nodes::{self, Frame, Node};
-use super::orient::orient;
+use super::nodes::{self, Frame, Node, NodeSums};
+use super::orient::{Oriented, orient};
 use super::row_starts::{BLOCKS, LONG_ROWS, StartsForm};
 use super::weights::{Metric, Weighting};
 use super::{half_edge_pairs, half_edges, node_blocks};
@@ -173,18 +173,19 @@ impl DualGraph {
 
     fn make(stage: &GraphStage<'_>, context: Context<'_>, key: String) -> Result<Self> {
         let GraphStage { mesh, path, computed, .. } = *stage;
-        let frame = Frame::of(mesh, context.run)?;
-        let array = if computed { None } else { Some(context.work.array(nodes::FILE, &[mesh.faces.len(), 7])?) };
-        let geometry = || match array {
-            None => {
+        let geometry = || -> Result<(Frame, NodeGeometry, Option<NodeSums>)> {
+            let frame = Frame::of(mesh, context.run)?;
+            if computed {
                 let from = ComputedGeometry { mesh: mesh.clone(), frame, flipped: MappedSlice::empty() };
-                Ok((NodeGeometry::computed(from), nodes::sums(mesh, &frame, context.run)?))
+                return Ok((frame, NodeGeometry::computed(from), None));
             }
-            Some(array) => nodes::build(mesh, &frame, array, context.run).map(|(array, sums)| (array.into(), sums)),
+            let array = context.work.array(nodes::FILE, &[mesh.faces.len(), 7])?;
+            let (array, sums) = nodes::build(mesh, &frame, array, context.run)?;
+            Ok((frame, array.into(), Some(sums)))
         };
         // Finding the vertices that blocks share is single-threaded, so it runs beside the geometry.
         let (blocks, geometry) = run_concurrently(context.run.threads, || NodeBlocks::of(mesh, context), geometry)?;
-        let (nodes, sums): (NodeGeometry, _) = geometry?;
+        let (frame, nodes, sums) = geometry?;
         let (pairs, counts) = half_edges::matched(mesh, path, blocks?, context)?;
         let edges = match assemble_in_memory(mesh, &frame, &nodes, &pairs, context)? {
             None => assemble(mesh, &frame, &nodes, &pairs, context)?,
@@ -194,7 +195,7 @@ impl DualGraph {
         // Too many edges cannot be computed from two faces alone: store all edges instead.
         let Some(edges) = edges else { return Self::make(&GraphStage { computed: false, ..*stage }, context, key) };
         let components = find_components(&edges, &nodes, context)?;
-        let (mut edges, nodes, orientation) = orient(edges, nodes, &components, context)?;
+        let Oriented { mut edges, nodes, facts: orientation, sums } = orient(edges, nodes, sums, &components, context)?;
         let bridges = find_bridges(&components, &nodes, 0., context)?;
         if let Some(bridges) = &bridges {
             edges = bridges::insert(&edges, bridges.items(), context)?;

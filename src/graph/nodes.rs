@@ -159,7 +159,7 @@ impl Node {
     }
 }
 
-/// Totals from the pass of [`build`].
+/// Totals over faces.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NodeSums {
     /// Sum of all areas, in the frame's units.
@@ -181,13 +181,14 @@ impl NodeSums {
         }
     }
 
-    /// The sums of all chunks, in their order.
-    fn total(chunks: Vec<Self>) -> Self {
-        chunks.iter().fold(Self::default(), |total, chunk| Self {
-            area: total.area + chunk.area,
-            degenerate: total.degenerate + chunk.degenerate,
-            nonfinite: total.nonfinite + chunk.nonfinite,
-        })
+    /// With those of the chunk of [`CHUNK`] faces that follows.
+    #[must_use]
+    pub fn and(self, chunk: Self) -> Self {
+        Self {
+            area: self.area + chunk.area,
+            degenerate: self.degenerate + chunk.degenerate,
+            nonfinite: self.nonfinite + chunk.nonfinite,
+        }
     }
 }
 
@@ -216,28 +217,21 @@ pub fn build(
         CHUNK,
         || (),
         |k, out, ()| {
-            let mut sums = NodeSums::default();
-            each_node(mesh, *frame, chunk_range(n, CHUNK, k), |face, node, flat| {
-                sums.add(mesh, face, node, flat);
-                out[face - k * CHUNK] = *node;
-            });
-            Ok(sums)
+            Ok(each_and_sums(mesh, *frame, chunk_range(n, CHUNK, k), |face, node| out[face - k * CHUNK] = *node))
         },
     )?;
-    Ok((array.finish(false)?, NodeSums::total(sums)))
+    Ok((array.finish(false)?, sums.into_iter().fold(NodeSums::default(), NodeSums::and)))
 }
 
-/// Only the sums of [`build`].
-///
-/// # Errors
-/// [`crate::base::Error::Cancelled`].
-pub fn sums(mesh: &Mesh, frame: &Frame, run: &Run) -> Result<NodeSums> {
-    let parts = run.map_ranges(mesh.faces.len(), CHUNK, |range| {
-        let mut sums = NodeSums::default();
-        each_node(mesh, *frame, range, |face, node, flat| sums.add(mesh, face, node, flat));
-        Ok(sums)
-    })?;
-    Ok(NodeSums::total(parts))
+/// Calls `visit` with the node of each face of `range`, in order, and returns their sums.
+#[inline]
+pub fn each_and_sums(mesh: &Mesh, frame: Frame, range: Range<usize>, mut visit: impl FnMut(usize, &Node)) -> NodeSums {
+    let mut sums = NodeSums::default();
+    each_node(mesh, frame, range, |face, node, flat| {
+        sums.add(mesh, face, node, flat);
+        visit(face, node);
+    });
+    sums
 }
 
 impl Item for Node {
@@ -286,7 +280,7 @@ mod tests {
         // A missing corner, a flat triangle, one that is whole; the last vertex is in no face.
         let points = [[0f32, 0., 0.], [1., 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., f32::NAN, 0.], [f32::INFINITY; 3]];
         let mesh = Mesh::from_slices(&points, &[[0u32, 1, 4], [0, 1, 2], [0, 1, 3]]).unwrap();
-        let sums = sums(&mesh, &Frame { origin: [0.; 3], scale: 1. }, &Run::new(&())).unwrap();
+        let sums = each_and_sums(&mesh, Frame { origin: [0.; 3], scale: 1. }, 0..3, |_, _| ());
         assert_eq!((sums.degenerate, sums.nonfinite, sums.area), (2, 1, 0.5));
     }
 

@@ -14,7 +14,7 @@ use super::components::Components;
 use super::dual_edges::{DualEdges, EDGES};
 use super::half_edge_pairs::OPPOSITE_WINDING;
 use super::node_geometry::{ComputedEdges, ComputedGeometry, NodeGeometry};
-use super::nodes::{self, Node};
+use super::nodes::{self, Node, NodeSums};
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::length;
 use crate::base::{Error, Result};
@@ -89,17 +89,39 @@ impl Sums {
     }
 }
 
-/// Flips normals to make winding consistent and outward; returns the edges and nodes to use from now on.
+/// What [`orient`] returns: the edges and nodes to use from now on, and what was learned from the pass over them.
+pub(super) struct Oriented {
+    pub edges: DualEdges,
+    pub nodes: NodeGeometry,
+    pub facts: OrientationFacts,
+    pub sums: NodeSums,
+}
+
+/// Flips normals to make winding consistent and outward. `sums` are those of the nodes, if they are known; otherwise
+/// they are computed in the same pass.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn orient(
+pub(super) fn orient(
     edges: DualEdges,
     nodes: NodeGeometry,
+    sums: Option<NodeSums>,
+    components: &Components,
+    context: Context<'_>,
+) -> Result<Oriented> {
+    let (of_components, of_computed) = component_sums(&nodes, components, context)?;
+    let (edges, nodes, facts) = flip(edges, nodes, of_components, components, context)?;
+    Ok(Oriented { edges, nodes, facts, sums: sums.unwrap_or(of_computed) })
+}
+
+/// Flips what the `sums` of the components tell.
+fn flip(
+    edges: DualEdges,
+    nodes: NodeGeometry,
+    sums: ArrayMut<Sums>,
     components: &Components,
     context: Context<'_>,
 ) -> Result<(DualEdges, NodeGeometry, OrientationFacts)> {
-    let sums = component_sums(&nodes, components, context)?;
     let mut flips_first: ArrayMut<u8> = context.work.array("component_turn.tmp", &[components.count()])?;
     flips_first.data().iter_mut().zip(sums.items()).for_each(|(slot, sums)| *slot = u8::from(sums.flips_first()));
     drop(sums);
@@ -124,12 +146,16 @@ pub fn orient(
     Ok((edges, flipped_nodes, OrientationFacts { flipped, unsatisfied }))
 }
 
-/// The sums of each component.
-fn component_sums(nodes: &NodeGeometry, components: &Components, context: Context<'_>) -> Result<ArrayMut<Sums>> {
+/// The sums of each component; and of all nodes, if they are computed.
+fn component_sums(
+    nodes: &NodeGeometry,
+    components: &Components,
+    context: Context<'_>,
+) -> Result<(ArrayMut<Sums>, NodeSums)> {
     let (root, run) = (&components.root[..], context.run);
     let mut sums: ArrayMut<Sums> = context.work.array("component_sums.tmp", &[components.count(), Sums::WIDTH])?;
     let of_components = sums.data();
-    let mut number = 0;
+    let (mut number, mut all) = (0, NodeSums::default());
     let mut add = |links: &[u32], some: &[Node]| {
         let mut done = 0;
         for links in links.chunk_by(|a, b| a & !OPPOSITE_WINDING == b & !OPPOSITE_WINDING) {
@@ -148,11 +174,12 @@ fn component_sums(nodes: &NodeGeometry, components: &Components, context: Contex
     if let Some(mesh) = nodes.mesh() {
         let compute = |k: usize, (): &mut ()| {
             let mut held = Vec::with_capacity(chunk(k).len());
-            mesh.each_node(chunk(k), |_, node| held.push(*node));
-            Ok(held)
+            let sums = nodes::each_and_sums(&mesh.mesh, mesh.frame, chunk(k), |_, node| held.push(*node));
+            Ok((held, sums))
         };
-        let each = |k: usize, held: Vec<Node>| {
+        let each = |k: usize, (held, sums): (Vec<Node>, NodeSums)| {
             add(&root[chunk(k)], &held);
+            all = all.and(sums);
             Ok(())
         };
         run.in_order(chunks, || (), compute, each)?;
@@ -162,7 +189,7 @@ fn component_sums(nodes: &NodeGeometry, components: &Components, context: Contex
             add(&root[chunk(k)], &nodes.array()[chunk(k)]);
         }
     }
-    Ok(sums)
+    Ok((sums, all))
 }
 
 /// The nodes, with normals flipped where `is_flipped` holds; also how many were flipped.
