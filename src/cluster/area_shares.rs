@@ -7,8 +7,8 @@
 //!
 //! [`spread_seeds`] takes one seed per equal quantum of area along the order of the nodes: as good as farthest points
 //! for cells (measured), for the cost of one pass. [`surface_sums`] adds up areas, centroids and normals of cells,
-//! micro-cells and contracted nodes. Since each block of nodes holds sums of all classes (72 bytes per class), only few
-//! blocks are summed in parallel; they are added in order, so that the number of threads does not change the result.
+//! micro-cells and contracted nodes. Each chunk of nodes has sums of the classes that occur in it; they are added in
+//! order, so that the number of threads does not change the result.
 //!
 //! Cost: one pass over the nodes for each; shares take 4 bytes per node on disk.
 
@@ -228,8 +228,6 @@ pub fn spread_seeds(shares: &AreaShares, count: usize, purpose: &str, run: &Run)
     Ok(blocks.into_iter().flat_map(|drawn| drawn.nodes).collect())
 }
 
-const BLOCKS: usize = 8;
-
 /// Sums over a class of nodes, in the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SurfaceSum {
@@ -262,7 +260,7 @@ impl SurfaceSum {
         }
     }
 
-    fn add(&mut self, other: &Self) {
+    pub(super) fn add(&mut self, other: &Self) {
         self.area += other.area;
         self.share += other.share;
         self.weight += other.weight;
@@ -284,6 +282,41 @@ impl SurfaceSum {
     }
 }
 
+/// Sums over the classes of one chunk of nodes after another. Few classes occur in a chunk, as the nodes of one lie
+/// together.
+pub(super) struct ChunkSums {
+    /// The place of each class in `sums`, or [`NOWHERE`].
+    place: Vec<u32>,
+    sums: Vec<(u32, SurfaceSum)>,
+}
+
+const NOWHERE: u32 = u32::MAX;
+
+impl ChunkSums {
+    /// For `classes` classes.
+    pub fn new(classes: usize) -> Self {
+        Self { place: vec![NOWHERE; classes], sums: Vec::new() }
+    }
+
+    /// The sums of `class`; `None` beyond the last class.
+    #[inline]
+    pub fn of(&mut self, class: u32) -> Option<&mut SurfaceSum> {
+        let place = self.place.get_mut(class as usize)?;
+        if *place == NOWHERE {
+            *place = self.sums.len() as u32;
+            self.sums.push((class, SurfaceSum::default()));
+        }
+        Some(&mut self.sums[*place as usize].1)
+    }
+
+    /// The sums of the chunk, each with its class; the next chunk begins.
+    pub fn finish(&mut self) -> Vec<(u32, SurfaceSum)> {
+        let sums = std::mem::take(&mut self.sums);
+        sums.iter().for_each(|(class, _)| self.place[*class as usize] = NOWHERE);
+        sums
+    }
+}
+
 /// Sums over the nodes of each of `classes` classes; nodes of a class beyond the last are skipped. Nodes without a
 /// share contribute only their area, unless `least` gives each a weight.
 ///
@@ -297,37 +330,44 @@ pub fn surface_sums(
     least: f64,
     run: &Run,
 ) -> Result<Vec<SurfaceSum>> {
-    let n = class.len();
-    let block = n.div_ceil(BLOCKS).max(1);
-    let sum = |k: usize, (): &mut ()| {
-        let mut sums = vec![SurfaceSum::default(); classes];
-        let nodes = chunk_range(n, block, k);
-        for first in nodes.clone().step_by(CHUNK) {
-            let chunk = first..(first + CHUNK).min(nodes.end);
-            run.will_need(class, chunk.clone());
-            graph.nodes.view().each(chunk, |i, node| {
-                if let Some(sum) = sums.get_mut(class[i] as usize) {
-                    sum.take(node, f64::from(shares.of_node(i, node)), least);
-                }
-            });
-        }
-        Ok(sums)
+    let (n, nodes) = (class.len(), graph.nodes.view());
+    let sum = |k: usize, sums: &mut ChunkSums| {
+        let chunk = chunk_range(n, CHUNK, k);
+        run.will_need(class, chunk.clone());
+        nodes.each(chunk, |i, node| {
+            if let Some(sum) = sums.of(class[i]) {
+                sum.take(node, f64::from(shares.of_node(i, node)), least);
+            }
+        });
+        Ok(sums.finish())
     };
     let mut total = vec![SurfaceSum::default(); classes];
-    for part in run.map_chunks(chunk_count(n, block), || (), sum)? {
-        total.iter_mut().zip(&part).for_each(|(sum, part)| sum.add(part));
-    }
+    run.in_order(
+        chunk_count(n, CHUNK),
+        || ChunkSums::new(classes),
+        sum,
+        |_, sums| {
+            sums.iter().for_each(|(class, sum)| total[*class as usize].add(sum));
+            Ok(())
+        },
+    )?;
     Ok(total)
 }
 
-/// The class of each node (n) as an array `name` of two bytes per node: there are fewer than 2¹⁶ cells or contracted
-/// nodes. Nodes without a class, which have `u32::MAX`, get `u16::MAX`.
+/// The class of a node in two bytes: there are fewer than 2¹⁶ cells or contracted nodes. Nodes without a class, which
+/// have `u32::MAX`, get `u16::MAX`.
+#[inline]
+pub(super) fn narrow(class: u32) -> u16 {
+    u16::try_from(class).unwrap_or(u16::MAX)
+}
+
+/// The [`narrow`] class of each node (n) as an array `name`.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub fn as_u16(class: &[u32], name: &str, context: Context<'_>) -> Result<MappedSlice<u16>> {
     let mut array = context.work.array::<u16>(name, &[class.len()])?;
-    context.run.fill_each(array.data(), CHUNK, |i, _| u16::try_from(class[i]).unwrap_or(u16::MAX))?;
+    context.run.fill_each(array.data(), CHUNK, |i, _| narrow(class[i]))?;
     array.finish(false)
 }
 

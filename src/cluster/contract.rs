@@ -10,7 +10,7 @@
 //! direction is perpendicular to the line between its faces. Cost: one front, 8 bytes per face of which 2 are kept, one
 //! pass over the graph.
 
-use super::area_shares::{AreaShares, SurfaceSum, as_u16, spread_seeds, surface_sums};
+use super::area_shares::{AreaShares, ChunkSums, SurfaceSum, narrow, spread_seeds};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::sort::lexicographic;
@@ -74,7 +74,7 @@ pub struct Contraction<'a> {
 
 impl Stage for Contraction<'_> {
     const NAME: &'static str = "contraction";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type Facts = GraphFacts;
     type Output = ContractedSurface;
 
@@ -131,19 +131,19 @@ impl ContractedEdge {
 }
 
 fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> Result<ContractedSurface> {
-    let Contraction { graph, weighted: fine, shares, whole } = *contraction;
+    let Contraction { graph, weighted, shares, whole } = *contraction;
     let Context { work, run } = context;
     let n = graph.nodes.len();
     let seeds = seeds(shares, run)?;
     let mut owner = work.array::<u32>(OWNER, &[n])?;
     let mut field = work.array::<f32>(FIELD, &[n])?;
-    front(fine, &seeds).nearest_source(field.data(), owner.data(), Context::new(whole, run))?;
-    let sums = surface_sums(graph, shares, owner.data(), seeds.len(), 0., run)?;
+    front(weighted, &seeds).nearest_source(field.data(), owner.data(), Context::new(whole, run))?;
+    let mut of_node = work.array::<u16>(OF_FACE, &[n])?;
+    let front = FrontValues { owner: owner.data(), field: field.data() };
+    let (sums, borders) = gather(graph, weighted.csr(), shares, seeds.len(), front, of_node.data(), run)?;
+    let of_node = of_node.finish(false)?;
+    drop((field, owner));
     let (nodes, areas) = (interiors(&sums, shares), sums.iter().map(|sum| sum.area).collect::<Vec<f64>>());
-    let borders = borders(graph, fine.csr(), owner.data(), field.data(), run)?;
-    drop(field);
-    let of_node = as_u16(owner.data(), OF_FACE, context)?;
-    drop(owner);
     [OWNER, FIELD].iter().for_each(|name| work.remove(&format!("{name}.partial")));
     let (graph, weighted) = assemble(graph, nodes, &borders, key.to_string(), work)?;
     let (seeds, areas) = (work.write(SEEDS, &seeds, 1)?, work.write(AREAS, &areas, 1)?);
@@ -191,7 +191,7 @@ fn interiors(sums: &[SurfaceSum], shares: &AreaShares) -> Vec<Node> {
     sums.iter().map(node).collect()
 }
 
-/// Two nodes in one number, the smaller in its upper half: there are fewer than 2¹⁶ nodes ([`as_u16`]).
+/// Two nodes in one number, the smaller in its upper half: there are fewer than 2¹⁶ nodes ([`narrow`]).
 type Pair = u32;
 
 /// The nodes of a pair, the smaller first.
@@ -206,15 +206,39 @@ type Boundaries = Vec<(Pair, ContractedEdge)>;
 /// pair are added in that order.
 type Piece = [u32; 3];
 
-fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &Run) -> Result<Boundaries> {
+/// What the front from the seeds leaves behind.
+#[derive(Clone, Copy)]
+struct FrontValues<'a> {
+    /// The seed that is nearest to each node (n).
+    owner: &'a [u32],
+    /// Its distance (n).
+    field: &'a [f32],
+}
+
+/// The sums over the `count` contracted nodes and their boundaries; fills `of_node` (n). All in one pass: if the graph
+/// is larger than memory, each pass reads mesh and graph again.
+fn gather(
+    graph: &DualGraph,
+    csr: Csr<'_>,
+    shares: &AreaShares,
+    count: usize,
+    FrontValues { owner, field }: FrontValues<'_>,
+    of_node: &mut [u16],
+    run: &Run,
+) -> Result<(Vec<SurfaceSum>, Boundaries)> {
     let n = owner.len();
     let (edge, nodes) = (graph.edges.shared(), graph.nodes.view());
     // Within a chunk, a piece is located by the face in the chunk and the edge of that face.
-    let parts = run.map_chunks(chunk_count(n, CHUNK), Vec::<Piece>::new, |chunk, pieces| {
+    let work = |chunk: usize, (sums, pieces): &mut (ChunkSums, Vec<Piece>)| {
         let range = chunk_range(n, CHUNK, chunk);
         csr.will_need(range.clone(), run);
         run.will_need(owner, range.clone());
         run.will_need(field, range.clone());
+        nodes.each(range.clone(), |i, node| {
+            if let Some(sum) = sums.of(owner[i]) {
+                sum.take(node, f64::from(shares.of_node(i, node)), 0.);
+            }
+        });
         pieces.clear();
         for i in range.clone() {
             for (k, (j, _)) in csr.neighbours(i as u32).enumerate() {
@@ -226,7 +250,7 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
                 pieces.push([a.min(b) << 16 | a.max(b), (i - range.start) as u32, k as u32]);
             }
         }
-        Ok(added(pieces, |&[pair, i, k]| {
+        let boundaries = added(pieces, |&[pair, i, k]| {
             let i = range.start + i as usize;
             let e = csr.span(i as u32).start + k as usize;
             let j = csr.indices[e] as usize;
@@ -237,14 +261,24 @@ fn borders(graph: &DualGraph, csr: Csr<'_>, owner: &[u32], field: &[f32], run: &
                 length,
                 chord: along(&nodes.at(from), &nodes.at(to), length),
             }
-        }))
-    })?;
+        });
+        Ok((sums.finish(), boundaries))
+    };
+    let (mut total, mut parts) = (vec![SurfaceSum::default(); count], Vec::with_capacity(chunk_count(n, CHUNK)));
+    let consume = |chunk: usize, (sums, boundaries): (Vec<(u32, SurfaceSum)>, Boundaries)| {
+        sums.iter().for_each(|(node, sum)| total[*node as usize].add(sum));
+        parts.push(boundaries);
+        let range = chunk_range(n, CHUNK, chunk);
+        of_node[range.clone()].iter_mut().zip(&owner[range]).for_each(|(slot, &owner)| *slot = narrow(owner));
+        Ok(())
+    };
+    run.in_order(chunk_count(n, CHUNK), || (ChunkSums::new(count), Vec::new()), work, consume)?;
     // Overall, a piece is located by the chunk and the boundary in that chunk.
     let mut pieces: Vec<Piece> = Vec::with_capacity(parts.iter().map(Vec::len).sum());
     for (chunk, part) in (0..).zip(&parts) {
         pieces.extend((0..).zip(part).map(|(at, (pair, _))| [*pair, chunk, at]));
     }
-    Ok(added(&mut pieces, |&[_, chunk, at]| parts[chunk as usize][at as usize].1))
+    Ok((total, added(&mut pieces, |&[_, chunk, at]| parts[chunk as usize][at as usize].1)))
 }
 
 /// Sorts `pieces`, and adds up the edges of each pair in order.
@@ -345,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn boundaries_are_those_of_one_map_per_chunk() {
+    fn sums_and_boundaries_are_those_of_one_map_per_chunk() {
         let (mesh, run) = (waves(), Run::new(&()));
         let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
         let graph = DualGraph::build(&mesh, "waves".as_ref(), &Value::Null, Context::new(&work, &run)).unwrap();
@@ -356,7 +390,9 @@ mod tests {
         nearest_source(csr, &seeds, &mut field, &mut owner, &run).unwrap();
         // A face that no front reached.
         owner[5_000] = u32::MAX;
+        let shares = AreaShares::of(&graph, Context::new(&work, &run)).unwrap();
         let mut expected: BTreeMap<(u32, u32), ContractedEdge> = BTreeMap::new();
+        let mut expected_sums = vec![SurfaceSum::default(); seeds.len()];
         for chunk in 0..chunk_count(n, CHUNK) {
             let mut sums: BTreeMap<(u32, u32), ContractedEdge> = BTreeMap::new();
             let add = |to: &mut BTreeMap<_, ContractedEdge>, pair, edge: ContractedEdge| {
@@ -378,9 +414,17 @@ mod tests {
                 }
             }
             sums.into_iter().for_each(|(pair, edge)| add(&mut expected, pair, edge));
+            let mut of_chunk = vec![SurfaceSum::default(); seeds.len()];
+            for i in chunk_range(n, CHUNK, chunk).filter(|&i| owner[i] != u32::MAX) {
+                of_chunk[owner[i] as usize].take(&graph.nodes.at(i), f64::from(shares.at(i)), 0.);
+            }
+            expected_sums.iter_mut().zip(&of_chunk).for_each(|(sum, part)| sum.add(part));
         }
         for threads in [1, 3] {
-            let found = borders(&graph, csr, &owner, &field, &Run { threads, ..Run::new(&()) }).unwrap();
+            let (run, front) = (Run { threads, ..Run::new(&()) }, FrontValues { owner: &owner, field: &field });
+            let mut of_node = vec![0; n];
+            let (sums, found) = gather(&graph, csr, &shares, seeds.len(), front, &mut of_node, &run).unwrap();
+            assert!(sums == expected_sums && of_node.iter().zip(&owner).all(|(own, &owner)| *own == narrow(owner)));
             assert!(found.len() > 1_000 && found.len() == expected.len());
             for ((pair, edge), (expected_pair, expected)) in found.iter().zip(&expected) {
                 let bits = |edge: &ContractedEdge| (edge.weight, edge.length, edge.chord);
