@@ -9,21 +9,27 @@
 //! that meet three at a time need not fill what they enclose. The diagonals of triangulated polygons count as edges
 //! too, since STL files consist of triangles.
 //!
-//! Vertices at the same position count as one. Cost: 24 bytes per corner of the part (STL: 32), [`OPEN`] per open edge,
-//! and 4 bytes per vertex of the mesh while the meeting points of parts are determined, from the budget; a sort of the
-//! edges.
+//! Vertices at the same position count as one. Cost: a sort of the edges, as many at a time as the budget has room for,
+//! with a pass over the part for each such block; from the budget also two bits per vertex of the mesh, [`OPEN`] per
+//! open edge, and 8 bytes for each edge between open ones.
 
 use crate::base::Result;
+use crate::base::bit_set::BitSet;
 use crate::base::sort::sort_by;
 use crate::base::vector::{distance, finite, position_key};
+use crate::mesh::split_faces::boundary_vertices;
 use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use crate::store::budget::Grant;
 use earcut::Earcut;
 use std::collections::{BTreeSet, HashMap};
+use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
 
 /// Faces between two checks of the stop flag.
 const CHUNK: usize = 1 << 16;
+
+/// Minimum number of edges in a block, if there are as many.
+const LEAST: u64 = 1 << 12;
 
 /// Bytes per open edge while edges are joined into loops.
 const OPEN: u64 = 130;
@@ -64,50 +70,82 @@ impl EdgesAtCuts {
     /// # Errors
     /// [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
     pub fn of(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Self> {
-        /// Faces of several parts meet at the vertex.
-        const SEVERAL: u32 = u32::MAX;
-        let bytes = 4 * mesh.positions.len() as u64;
-        let _grant_of_parts = run.budget.take("where parts meet", bytes, bytes)?;
-        // The part of each vertex plus one; 0 without a face.
-        let mut parts = vec![0u32; mesh.positions.len()];
-        let chunks = || (0..labels.len()).step_by(CHUNK).map(|start| start..labels.len().min(start + CHUNK));
-        for faces in chunks() {
-            run.cancel.check()?;
-            mesh.faces.for_each(faces, |face, corners| {
-                let own = labels[face].saturating_add(1);
-                for &v in corners {
-                    let part = &mut parts[v as usize];
-                    *part = if *part == 0 || *part == own { own } else { SEVERAL };
-                }
-            });
-        }
-        let meet = |side: &[u32; 2]| side.iter().all(|&v| parts[v as usize] == SEVERAL);
+        let (several, _grant_of_vertices) = boundary_vertices(mesh, labels, run)?;
         let each = |visit: &mut dyn FnMut([u32; 2])| {
-            chunks().try_for_each(|faces| {
+            (0..labels.len()).step_by(CHUNK).try_for_each(|start| {
                 run.cancel.check()?;
-                mesh.faces.for_each(faces, |_, corners| {
-                    let mut several = 0;
-                    for &v in corners {
-                        several += usize::from(parts[v as usize] == SEVERAL);
-                    }
-                    if several > 1 {
-                        mesh.triangles(corners, |[a, b, c], _| {
-                            [[a, b], [b, c], [c, a]].into_iter().filter(meet).map(ends).for_each(&mut *visit);
-                        });
-                    }
-                });
+                let faces = start..labels.len().min(start + CHUNK);
+                mesh.faces.for_each(faces, |_, corners| edges_within(mesh, corners, &several, visit));
                 Ok(())
             })
         };
-        let mut count = 0;
-        each(&mut |_| count += 1)?;
-        let grant = run.budget.take("edges where parts meet", 8 * count, 8 * count)?;
-        let mut edges = Vec::with_capacity(count as usize);
-        each(&mut |edge| edges.push(edge))?;
-        edges.sort_unstable();
-        edges.dedup();
+        let (edges, grant) = gathered("edges where parts meet", run, each)?;
         Ok(Self { edges, _grant: grant })
     }
+}
+
+/// Calls `visit` with each edge, its smaller end first, of the triangles of a face that has both ends in `vertices`.
+fn edges_within(mesh: &Mesh, corners: &[u32], vertices: &BitSet, visit: &mut dyn FnMut([u32; 2])) {
+    let mut within = 0;
+    for &v in corners {
+        within += usize::from(vertices.has(v));
+    }
+    if within > 1 {
+        mesh.triangles(corners, |[a, b, c], _| {
+            let edges = [[a, b], [b, c], [c, a]].into_iter();
+            edges.filter(|[a, b]| vertices.has(*a) && vertices.has(*b)).map(ends).for_each(&mut *visit);
+        });
+    }
+}
+
+/// The edges that `each` enumerates, ascending and without duplicates, and what the budget grants for them.
+fn gathered(
+    what: &'static str,
+    run: &Run,
+    each: impl Fn(&mut dyn FnMut([u32; 2])) -> Result<()>,
+) -> Result<(Vec<[u32; 2]>, Grant)> {
+    let mut count = 0;
+    each(&mut |_| count += 1)?;
+    let grant = run.budget.take(what, 8 * count, 8 * count)?;
+    let mut edges = Vec::with_capacity(count as usize);
+    each(&mut |edge| edges.push(edge))?;
+    edges.sort_unstable();
+    edges.dedup();
+    Ok((edges, grant))
+}
+
+/// Calls `visit` with blocks of the items that `each` enumerates, about `count`; those of one `key`, which is spread
+/// evenly, come together.
+fn in_blocks<T>(
+    count: u64,
+    run: &Run,
+    key: impl Fn(&T) -> u64,
+    each: impl Fn(&mut dyn FnMut(T)) -> Result<()>,
+    mut visit: impl FnMut(&mut Vec<T>),
+) -> Result<()> {
+    // A block that is larger than its share doubles its room, and is copied.
+    let bytes = |items: u64| 3 * size_of::<T>() as u64 * items;
+    let least = bytes(count.min(LEAST));
+    // Half is left to what is found in the blocks.
+    let grant = run.budget.take("edges of a part", least, bytes(count).min(least.max(run.budget.left() / 2)))?;
+    let blocks = bytes(count).div_ceil(grant.bytes().max(1)).max(1);
+    let mut items = Vec::with_capacity(count.div_ceil(blocks) as usize);
+    for block in 0..blocks {
+        items.clear();
+        each(&mut |item| {
+            if blocks == 1 || (u128::from(key(&item)) * u128::from(blocks)) >> 64 == u128::from(block) {
+                items.push(item);
+            }
+        })?;
+        visit(&mut items);
+    }
+    Ok(())
+}
+
+/// A face's directed edges that are not a point.
+fn edges_of(face: &[u32]) -> impl Iterator<Item = [u32; 2]> {
+    let turned = face.iter().cycle().skip(1);
+    face.iter().zip(turned).map(|(&a, &b)| [a, b]).filter(|[a, b]| a != b)
 }
 
 /// The ends of an edge, the smaller first.
@@ -196,6 +234,7 @@ impl Caps {
     /// Closes the part whose faces `visit` enumerates; `at_cuts` are the edges at cuts of the mesh. With `by_place`,
     /// edges of different vertices at the same positions count as one when flaws are counted: an STL has only
     /// positions.
+    ///
     /// # Errors
     /// [`crate::base::Error::Memory`]; those of `visit`.
     pub fn of(
@@ -203,32 +242,28 @@ impl Caps {
         at_cuts: &EdgesAtCuts,
         (corners, by_place): (u64, bool),
         run: &Run,
-        visit: impl FnOnce(&mut dyn FnMut(&[u32])) -> Result<()>,
+        visit: impl Fn(&mut dyn FnMut(&[u32])) -> Result<()>,
     ) -> Result<Self> {
-        let bytes = if by_place { 32 } else { 24 } * corners;
-        let _grant = run.budget.take("edges of a part", bytes, bytes)?;
-        let mut edges: Vec<[u32; 2]> = Vec::with_capacity(corners as usize);
-        let (mut diagonals, mut nowhere) = (Vec::new(), 0);
-        visit(&mut |face| {
-            let turned = face.iter().cycle().skip(1);
-            edges.extend(face.iter().zip(turned).map(|(&a, &b)| [a, b]).filter(|[a, b]| a != b));
-            nowhere += u64::from(!face.iter().all(|&v| finite(mesh.positions.get(v))));
-            if face.len() > 3 {
-                diagonals.extend(diagonals_of(face, mesh));
-            }
+        let (mut open, mut flaws, mut nowhere) = (Vec::new(), 0, 0);
+        visit(&mut |face| nowhere += u64::from(!face.iter().all(|&v| finite(mesh.positions.get(v)))))?;
+        let each = |visit_edge: &mut dyn FnMut([u32; 2])| visit(&mut |face| edges_of(face).for_each(&mut *visit_edge));
+        let key = |&edge: &[u32; 2]| xxh3_64(bytemuck::bytes_of(&ends(edge)));
+        in_blocks(corners, run, key, each, |edges| {
+            let (mine, more) = without_partner(edges);
+            open.extend(mine);
+            flaws += more;
         })?;
-        diagonals.sort_unstable();
-        let (mut open, flaws) = without_partner(&mut edges);
         let bytes = OPEN * open.len() as u64;
         let _grant_of_open = run.budget.take("open edges of a part", bytes, bytes)?;
         let (welded, open, more) = weld(mesh, &mut open);
+        // Edges of welded vertices are unknown.
+        let known = if welded || open.is_empty() { None } else { Some(edges_between(mesh, &open, run, &visit)?) };
         let (all, left) = loops(open);
         let mut caps = Caps { flaws: flaws + more + left + nowhere, ..Caps::default() };
         let (mut clipper, mut chords) = (Earcut::new(), BTreeSet::new());
-        let known = |edge: [u32; 2]| {
-            edges.binary_search_by_key(&edge, |&edge| ends(edge)).is_ok()
-                || diagonals.binary_search(&edge).is_ok()
-                || at_cuts.edges.binary_search(&edge).is_ok()
+        let is_known = |edge: [u32; 2]| {
+            let part = known.as_ref().map(|(edges, _)| edges);
+            part.is_none_or(|edges| [edges, &at_cuts.edges].iter().any(|edges| edges.binary_search(&edge).is_ok()))
         };
         for ring in all {
             run.cancel.check()?;
@@ -237,8 +272,7 @@ impl Caps {
             caps.loops += 1;
             let flat = clipped(&ring, &at, &mut clipper).filter(|triangles| {
                 let inner = inner_edges(&ring, triangles);
-                // Edges of welded vertices are unknown.
-                !inner.iter().any(|&edge| welded || known(edge) || !chords.insert(edge))
+                !inner.iter().any(|&edge| is_known(edge) || !chords.insert(edge))
             });
             let filled: Vec<[Corner; 3]> = match flat {
                 Some(triangles) => triangles.into_iter().map(|t| t.map(Corner::Vertex)).collect(),
@@ -252,7 +286,7 @@ impl Caps {
             caps.triangles.extend(filled.into_iter().map(|[a, b, c]| if turned { [a, c, b] } else { [a, b, c] }));
         }
         if by_place {
-            caps.flaws += doubled(mesh, edges, &caps.triangles);
+            caps.flaws += doubled(mesh, &caps.triangles, corners, run, each)?;
         }
         Ok(caps)
     }
@@ -266,19 +300,28 @@ impl Caps {
     }
 }
 
-/// The diagonals of a polygon's triangulation.
-fn diagonals_of(face: &[u32], mesh: &Mesh) -> Vec<[u32; 2]> {
-    let at: Vec<[f64; 3]> = face.iter().map(|&v| mesh.positions.get(v)).collect();
-    let (n, mut all) = (face.len(), Vec::with_capacity(face.len()));
-    polygon::triangles(&at, |[a, b, c]| {
-        for [i, j] in [[a, b], [b, c], [c, a]] {
-            // Each diagonal only once.
-            if i < j && i + 1 < j && (i, j) != (0, n - 1) {
-                all.push(ends([face[i], face[j]]));
+/// The edges, of triangles and of triangulated polygons of the part that `visit` enumerates, between vertices of its
+/// `open` edges.
+fn edges_between(
+    mesh: &Mesh,
+    open: &[[u32; 2]],
+    run: &Run,
+    visit: impl Fn(&mut dyn FnMut(&[u32])) -> Result<()>,
+) -> Result<(Vec<[u32; 2]>, Grant)> {
+    let bytes = BitSet::bytes(mesh.positions.len());
+    let _grant_of_vertices = run.budget.take("open vertices of a part", bytes, bytes)?;
+    let mut vertices = BitSet::new(mesh.positions.len());
+    open.iter().flatten().for_each(|&v| _ = vertices.add(v));
+    let each = |visit_edge: &mut dyn FnMut([u32; 2])| {
+        visit(&mut |face| {
+            let within = edges_of(face).filter(|edge| edge.iter().all(|&v| vertices.has(v)));
+            within.map(ends).for_each(&mut *visit_edge);
+            if face.len() > 3 {
+                edges_within(mesh, face, &vertices, visit_edge);
             }
-        }
-    });
-    all
+        })
+    };
+    gathered("edges between open edges of a part", run, each)
 }
 
 /// The edges of `triangles` that are not on the loop.
@@ -312,32 +355,46 @@ fn weld(mesh: &Mesh, open: &mut [[u32; 2]]) -> (bool, Vec<[u32; 2]>, u64) {
     (welded, open, flaws)
 }
 
-/// How many of the directed `edges` of a part, and of its caps, are duplicates after vertices that are equal as floats
-/// are merged.
-fn doubled(mesh: &Mesh, mut edges: Vec<[u32; 2]>, caps: &[[Corner; 3]]) -> u64 {
+/// How many of the directed edges of a part, which `each` enumerates, and of its `caps`, are duplicates after vertices
+/// that are equal as floats are merged.
+fn doubled(
+    mesh: &Mesh,
+    caps: &[[Corner; 3]],
+    corners: u64,
+    run: &Run,
+    each: impl Fn(&mut dyn FnMut([u32; 2])) -> Result<()>,
+) -> Result<u64> {
     let place = |v: u32| position_key(mesh.positions.get(v).map(|x| f64::from(x as f32)));
-    let mut vertices: Vec<u32> = edges.iter().flatten().copied().collect();
-    vertices.sort_unstable();
-    vertices.dedup();
-    let mut names: Vec<[u32; 2]> = vertices.into_iter().map(|v| [v, v]).collect();
-    sort_by(&mut names, |a, b| place(a[0]).cmp(&place(b[0])).then(a[0].cmp(&b[0])));
-    names.chunk_by_mut(|a, b| place(a[0]) == place(b[0])).for_each(|alike| {
-        let first = alike[0][0];
-        alike.iter_mut().for_each(|name| name[1] = first);
-    });
-    names.sort_unstable();
-    let name = |v: u32| names.binary_search_by_key(&v, |name| name[0]).map_or(v, |k| names[k][1]);
-    for [a, b, c] in caps {
-        for (from, to) in [(a, b), (b, c), (c, a)] {
-            if let (Corner::Vertex(from), Corner::Vertex(to)) = (from, to) {
-                edges.push([*from, *to]);
+    // Hardly any two edges share this hash.
+    let each_key = |visit: &mut dyn FnMut(u128)| {
+        let mut add = |edge: [u32; 2]| {
+            let places = edge.map(place);
+            if places[0] != places[1] {
+                visit(xxh3_128(bytemuck::bytes_of(&places)));
+            }
+        };
+        each(&mut add)?;
+        for [a, b, c] in caps {
+            for (from, to) in [(a, b), (b, c), (c, a)] {
+                if let (Corner::Vertex(from), Corner::Vertex(to)) = (from, to) {
+                    add([*from, *to]);
+                }
             }
         }
-    }
-    edges.iter_mut().for_each(|edge| *edge = edge.map(name));
-    edges.retain(|[a, b]| a != b);
-    edges.sort_unstable();
-    edges.windows(2).filter(|two| two[0] == two[1]).count() as u64
+        Ok(())
+    };
+    let mut count = 0;
+    in_blocks(
+        corners + 3 * caps.len() as u64,
+        run,
+        |key| (*key >> 64) as u64,
+        each_key,
+        |keys| {
+            keys.sort_unstable();
+            count += keys.windows(2).filter(|two| two[0] == two[1]).count() as u64;
+        },
+    )?;
+    Ok(count)
 }
 
 #[cfg(test)]
@@ -350,16 +407,19 @@ mod tests {
     }
 
     fn caps_of(points: &[[f64; 3]], faces: &[Vec<u32>], by_place: bool) -> (Mesh, Caps) {
+        caps_in(points, faces, by_place, &Run::new(&()))
+    }
+
+    fn caps_in(points: &[[f64; 3]], faces: &[Vec<u32>], by_place: bool, run: &Run) -> (Mesh, Caps) {
         let triangles: Vec<[u32; 3]> = faces.iter().map(|f| [f[0], f[1], f[2]]).collect();
         let mesh = Mesh::from_slices(points, &triangles).unwrap();
         let visit = |visit_face: &mut dyn FnMut(&[u32])| {
             faces.iter().for_each(|face| visit_face(face));
             Ok(())
         };
-        let run = Run::new(&());
-        let whole = EdgesAtCuts::of(&mesh, &vec![0; faces.len()], &run).unwrap();
+        let whole = EdgesAtCuts::of(&mesh, &vec![0; faces.len()], run).unwrap();
         let corners = faces.iter().map(|f| f.len() as u64).sum();
-        let caps = Caps::of(&mesh, &whole, (corners, by_place), &run, visit).unwrap();
+        let caps = Caps::of(&mesh, &whole, (corners, by_place), run, visit).unwrap();
         (mesh, caps)
     }
 
@@ -408,6 +468,32 @@ mod tests {
         let (mesh, fans) = caps(&points, &faces);
         assert_eq!((fans.loops, fans.centres.len(), fans.triangles.len(), fans.flaws), (2, 2, 8, 0));
         assert_eq!(closed(&mesh, &faces, &fans).1, 0);
+    }
+
+    /// Regression: 24 bytes per corner of the largest part had to fit into the budget, and a run on a large mesh was
+    /// refused only when its parts were written.
+    #[test]
+    fn a_part_whose_edges_exceed_the_budget_gets_the_same_caps() {
+        let circle = |n: u32| (0..n).map(move |k| f64::from(k) / f64::from(n) * std::f64::consts::TAU);
+        let polygon: Vec<[f64; 2]> = circle(60).map(|x| [(1.5 + (5. * x).sin()) * x.cos(), x.sin()]).collect();
+        // A stack of prisms, of which the first and the last rim are open.
+        let (n, layers) = (polygon.len() as u32, 400);
+        let points: Vec<[f64; 3]> =
+            (0..=layers).flat_map(|z| polygon.iter().map(move |p| [p[0], p[1], f64::from(z)])).collect();
+        let side = |k: u32| {
+            let (a, b) = (k, k / n * n + (k + 1) % n);
+            [vec![a, b, b + n], vec![a, b + n, a + n]]
+        };
+        let mut faces: Vec<Vec<u32>> = (0..layers * n).flat_map(side).collect();
+        // An edge of three faces.
+        faces.push(vec![200 * n, 200 * n + 1, 5]);
+        let run = |bytes| Run { budget: crate::store::Budget::new(bytes), ..Run::new(&()) };
+        for by_place in [false, true] {
+            let [all, few] = [1 << 30, 512 << 10].map(|bytes| caps_in(&points, &faces, by_place, &run(bytes)).1);
+            assert!((all.loops, all.flaws) == (few.loops, few.flaws) && all.loops > 1 && all.flaws > 0, "{few:?}");
+            assert!(all.triangles == few.triangles && all.centres == few.centres);
+        }
+        assert!(24 * 6 * u64::from(layers * n) > 2 << 20, "more than the smaller budget");
     }
 
     /// Each is closed by its own vertices, but an STL has only positions: four faces meet at one edge there.

@@ -20,6 +20,7 @@ use crate::store::budget::Grant;
 use curves::{Curves, meeting, mixed};
 use pieces::Cut;
 use strip::Strip;
+pub(crate) use strip::boundary_vertices;
 
 /// Minimum distance of a triple point from the sides of its face, as a barycentric coordinate.
 const LEAST: f64 = 0.05;

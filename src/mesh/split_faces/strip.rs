@@ -86,30 +86,12 @@ struct Bits(BitSet);
 
 impl Bits {
     fn of(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<(Self, Grant)> {
-        let vertices = mesh.positions.len();
-        let bytes = BitSet::bytes(vertices);
-        let kept = run.budget.take("boundary vertices", bytes, bytes)?;
-        let mut bits = Self(BitSet::new(vertices));
-        if is_soup(mesh) {
-            bits.mark_places(mesh, labels, run)?;
-            return Ok((bits, kept));
+        if !is_soup(mesh) {
+            return boundary_vertices(mesh, labels, run).map(|(bits, kept)| (Self(bits), kept));
         }
-        let grant = run.budget.take("labels of vertices", 4 * vertices.min(LEAST) as u64, 4 * vertices as u64)?;
-        let width = ((grant.bytes() / 4) as usize).max(1);
-        let mut first = Vec::new();
-        for start in (0..vertices).step_by(width) {
-            first.clear();
-            first.resize(width.min(vertices - start), NONE);
-            each_face(mesh, run, |face, corners| {
-                for &v in corners {
-                    match (v as usize).checked_sub(start).and_then(|at| first.get_mut(at)) {
-                        Some(own) if *own == NONE => *own = labels[face],
-                        Some(own) if *own != labels[face] => _ = bits.0.add(v),
-                        _ => {}
-                    }
-                }
-            })?;
-        }
+        let (set, kept) = no_vertices(mesh, run)?;
+        let mut bits = Self(set);
+        bits.mark_places(mesh, labels, run)?;
         Ok((bits, kept))
     }
 
@@ -140,6 +122,40 @@ impl Bits {
         }
         Ok(())
     }
+}
+
+/// An empty set of vertices, and what the budget grants for it.
+fn no_vertices(mesh: &Mesh, run: &Run) -> Result<(BitSet, Grant)> {
+    let bytes = BitSet::bytes(mesh.positions.len());
+    let grant = run.budget.take("boundary vertices", bytes, bytes)?;
+    Ok((BitSet::new(mesh.positions.len()), grant))
+}
+
+/// The vertices whose faces have several labels, and what the budget grants for the set. Vertices at the same position
+/// count as several.
+///
+/// # Errors
+/// [`Error::Memory`] without room for a bit per vertex; [`Error::Cancelled`].
+pub(crate) fn boundary_vertices(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<(BitSet, Grant)> {
+    let vertices = mesh.positions.len();
+    let (mut set, kept) = no_vertices(mesh, run)?;
+    let grant = run.budget.take("labels of vertices", 4 * vertices.min(LEAST) as u64, 4 * vertices as u64)?;
+    let width = ((grant.bytes() / 4) as usize).max(1);
+    let mut first = Vec::new();
+    for start in (0..vertices).step_by(width) {
+        first.clear();
+        first.resize(width.min(vertices - start), NONE);
+        each_face(mesh, run, |face, corners| {
+            for &v in corners {
+                match (v as usize).checked_sub(start).and_then(|at| first.get_mut(at)) {
+                    Some(own) if *own == NONE => *own = labels[face],
+                    Some(own) if *own != labels[face] => _ = set.add(v),
+                    _ => {}
+                }
+            }
+        })?;
+    }
+    Ok((set, kept))
 }
 
 /// Calls `visit(face, its corners)` for every face, and checks the stop flag.
