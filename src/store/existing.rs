@@ -1,8 +1,8 @@
 //! Opens work directories that must exist already, to continue them or to inspect them.
 
 use super::WorkDir;
-use super::folder::LOCK;
-use super::manifest::MANIFEST;
+use super::folder::is_begun;
+use super::manifest::{MANIFEST, is_of_two};
 use crate::base::{Error, Result};
 use std::path::Path;
 
@@ -16,7 +16,7 @@ impl WorkDir {
             return Err(if is_of_two(path) {
                 let problem = "is a work directory of `correspond`, which holds one for each of two meshes";
                 Error::work_dir(path, problem, "choose one that `segment` or `graph` has made")
-            } else if path.join(LOCK).is_file() {
+            } else if is_begun(path) {
                 let remedy = "wait for the run that uses it, or start the interrupted one again";
                 Error::work_dir(path, "has no finished stage yet", remedy)
             } else {
@@ -48,7 +48,40 @@ impl WorkDir {
     }
 }
 
-/// Whether `correspond` wrote the folder `path`: it contains a work directory for each of two meshes.
-fn is_of_two(path: &Path) -> bool {
-    ["a", "b"].iter().all(|side| path.join(side).join(MANIFEST).is_file())
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::folder::LOCK;
+
+    /// Regression: any folder with a file `lock` was taken for a work directory whose first stage had been interrupted,
+    /// and files in it were removed.
+    #[test]
+    fn the_lock_of_another_program_makes_no_work_directory() {
+        let dir = tempfile::tempdir().unwrap();
+        let refused = || matches!(WorkDir::open(dir.path()), Err(Error::WorkDir { .. }));
+        let thesis = dir.path().join("thesis.partial");
+        std::fs::write(&thesis, []).unwrap();
+        for content in ["", "4711\n"] {
+            std::fs::write(dir.path().join(LOCK), content).unwrap();
+            assert!(refused() && thesis.exists(), "{content:?}");
+            let told = WorkDir::open_existing(dir.path()).unwrap_err().to_string();
+            assert!(told.contains("is not a work directory"), "{told}");
+        }
+        std::fs::remove_file(&thesis).unwrap();
+        assert!(refused(), "it says something else than ours");
+    }
+
+    #[test]
+    fn a_directory_without_a_finished_stage_is_used_again() {
+        let dir = tempfile::tempdir().unwrap();
+        // What a run leaves that is killed before it could write into its lock.
+        std::fs::write(dir.path().join(LOCK), []).unwrap();
+        drop(WorkDir::open(dir.path()).unwrap());
+        let left = dir.path().join("x.npy.partial");
+        std::fs::write(&left, []).unwrap();
+        let told = WorkDir::open_existing(dir.path()).unwrap_err().to_string();
+        assert!(told.contains("has no finished stage yet"), "{told}");
+        drop(WorkDir::open(dir.path()).unwrap());
+        assert!(!left.exists());
+    }
 }

@@ -1,6 +1,8 @@
 //! Folders owned by one process: locked while in use, and removed with the process where they are temporary.
 //!
 //! The lock is an advisory lock of the operating system and ends with its process, so a stale lock cannot exist.
+//! Other programs have files called `lock`, too. The content of ours tells them apart: it marks a work directory that
+//! has no manifest yet, and names the machine of a temporary folder.
 //! Temporary folders of a killed run are recognised by their unlocked lock file, or by being empty, and the next run in
 //! the same parent removes them.
 //!
@@ -17,7 +19,7 @@
 
 use crate::base::{Error, Result};
 use std::fs::{File, Permissions};
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -25,6 +27,8 @@ use std::sync::OnceLock;
 /// The lock file.
 pub(super) const LOCK: &str = "lock";
 const TEMPORARY: &str = ".nystrom-stream-";
+/// The content of the lock file of a work directory that is kept.
+pub(super) const MARK: &[u8] = b"nystrom-stream work directory\n";
 
 /// The result of trying to lock a folder.
 #[derive(Debug)]
@@ -163,27 +167,45 @@ pub(super) fn bytes_in(folder: &Path) -> u64 {
 }
 
 /// Locks the folder, exclusively or shared with other readers. A reader may lack write permission: a lock file that is
-/// missing or cannot be read keeps nobody out.
+/// missing or cannot be read keeps nobody out. An empty lock file gets the `content`, unless another process has it.
 ///
 /// # Errors
 /// [`Error::Io`].
-pub(super) fn lock(path: &Path, shared: bool) -> Result<Lock> {
+pub(super) fn lock(path: &Path, shared: bool, content: &[u8]) -> Result<Lock> {
     let mut options = File::options();
     // A symbolic link in place of the lock file is an error.
     options.read(true).write(!shared).create(!shared).custom_flags(libc::O_NOFOLLOW);
-    let file = match options.open(path.join(LOCK)) {
+    let mut file = match options.open(path.join(LOCK)) {
         Err(error) if shared && matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied) => {
             return Ok(Lock::Unsupported);
         }
         file => file.map_err(Error::io(path.join(LOCK), "open"))?,
     };
     let tried = if shared { fs4::FileExt::try_lock_shared(&file) } else { fs4::FileExt::try_lock(&file) };
-    match tried {
-        Ok(()) => Ok(Lock::Held(HeldLock { file, process: std::process::id() })),
-        Err(fs4::TryLockError::WouldBlock) => Ok(Lock::Busy),
-        Err(fs4::TryLockError::Error(error)) if without_locks(&error) => Ok(Lock::Unsupported),
-        Err(fs4::TryLockError::Error(error)) => Err(Error::io(path.join(LOCK), "lock")(error)),
+    let held = match tried {
+        Ok(()) => true,
+        Err(fs4::TryLockError::WouldBlock) => return Ok(Lock::Busy),
+        Err(fs4::TryLockError::Error(error)) if without_locks(&error) => false,
+        Err(fs4::TryLockError::Error(error)) => return Err(Error::io(path.join(LOCK), "lock")(error)),
+    };
+    let is_empty = file.metadata().is_ok_and(|metadata| metadata.len() == 0);
+    if !shared && is_empty && !content.is_empty() {
+        file.write_all(content).map_err(Error::io(path.join(LOCK), "write"))?;
     }
+    Ok(if held { Lock::Held(HeldLock { file, process: std::process::id() }) } else { Lock::Unsupported })
+}
+
+/// Whether the lock file in the folder `path`, which has no manifest, is ours: its run is in its first stage, or was
+/// killed there.
+pub(super) fn is_begun(path: &Path) -> bool {
+    let lock = path.join(LOCK);
+    let Ok(found) = std::fs::symlink_metadata(&lock) else { return false };
+    // A run that was killed, or is just starting, may not have written into it; then nothing else is there. Whoever
+    // lists another file here finds the mark.
+    let alone = std::fs::read_dir(path).is_ok_and(|mut all| all.all(|file| file.is_ok_and(|f| f.file_name() == LOCK)));
+    let mut begin = Vec::new();
+    let mut read = || File::open(&lock)?.take(MARK.len() as u64 + 1).read_to_end(&mut begin);
+    found.is_file() && (alone && found.len() == 0 || read().is_ok() && begin == MARK)
 }
 
 /// Whether `error` means that the file system has no locks.
@@ -248,7 +270,7 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
         // Until it is locked, it is removed when this variable is dropped.
         let folder = folder.map_err(|error| Error::io(parent, "create a temporary folder here")(plain(error)))?;
         let path = folder.path().to_path_buf();
-        let locked = lock(&path, false);
+        let locked = lock(&path, false, &machine());
         let taken = !path.join(LOCK).exists() && (locked.is_ok() || !path.exists());
         if taken {
             continue;
@@ -256,10 +278,7 @@ fn temporary_folder(parent: &Path) -> Result<Folder> {
         let lock = match locked? {
             Lock::Busy => continue,
             Lock::Unsupported => None,
-            Lock::Held(mut held) => {
-                held.file.write_all(&machine()).map_err(Error::io(path.join(LOCK), "write"))?;
-                Some(held)
-            }
+            Lock::Held(held) => Some(held),
         };
         remove_abandoned(parent, &path);
         let path = folder.keep();
@@ -300,7 +319,7 @@ fn remove_abandoned(parent: &Path, own: &Path) {
             continue;
         }
         // Held until all is removed: a run that created its lock file and is about to lock it finds it busy or gone.
-        if let Ok(Lock::Held(_held)) = lock(&path, false) {
+        if let Ok(Lock::Held(_held)) = lock(&path, false, &[]) {
             remove_folder(&path);
         }
     }
@@ -401,11 +420,11 @@ mod tests {
     #[test]
     fn a_copy_of_the_lock_file_does_not_keep_the_lock() {
         let dir = tempfile::tempdir().unwrap();
-        let Ok(Lock::Held(held)) = lock(dir.path(), false) else { panic!("it is not locked") };
+        let Ok(Lock::Held(held)) = lock(dir.path(), false, MARK) else { panic!("it is not locked") };
         let copy = held.file.try_clone().unwrap();
-        assert!(matches!(lock(dir.path(), false), Ok(Lock::Busy)));
+        assert!(matches!(lock(dir.path(), false, MARK), Ok(Lock::Busy)));
         drop(held);
-        assert!(matches!(lock(dir.path(), false), Ok(Lock::Held(_))));
+        assert!(matches!(lock(dir.path(), false, MARK), Ok(Lock::Held(_))));
         drop(copy);
     }
 
@@ -447,7 +466,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let target = dir.path().join("target");
         std::os::unix::fs::symlink(&target, dir.path().join(LOCK)).unwrap();
-        assert!(lock(dir.path(), false).is_err() && !target.exists());
+        assert!(lock(dir.path(), false, MARK).is_err() && !target.exists());
     }
 
     #[test]

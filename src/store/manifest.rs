@@ -61,6 +61,11 @@ impl Manifest {
     }
 }
 
+/// Whether `correspond` wrote the folder `path`: it contains a work directory for each of two meshes.
+pub(super) fn is_of_two(path: &Path) -> bool {
+    ["a", "b"].iter().all(|side| path.join(side).join(MANIFEST).is_file())
+}
+
 /// XXH3 of a file's bytes, in hexadecimal. Hashed through the mapping: copying the bytes would cost as much as hashing.
 ///
 /// # Errors

@@ -14,11 +14,11 @@
 //! reused.
 
 use super::budget::Budget;
-use super::folder::{LOCK, Lock, WorkFolder, bytes_in, lock};
+use super::folder::{LOCK, Lock, MARK, WorkFolder, bytes_in, is_begun, lock};
 use super::in_memory::InMemoryArrays;
 use super::json;
 use super::manifest::FORMAT;
-use super::manifest::MANIFEST;
+use super::manifest::{MANIFEST, is_of_two};
 pub use super::manifest::{Manifest, checksum};
 use super::mapped::AlignedBuffer;
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
@@ -95,17 +95,17 @@ impl WorkDir {
             return Ok(None);
         }
         let manifest_path = path.join(MANIFEST);
-        // Listed before checking for a lock: another process that starts here right now creates its lock before
-        // anything else.
+        // Listed before checking for a lock: another process that starts here right now creates its lock, and marks it,
+        // before anything else.
         let occupied = std::fs::read_dir(path).map_err(Error::io(path, "list"))?.next().is_some();
-        if occupied && !manifest_path.exists() && !path.join(LOCK).exists() {
+        if occupied && !manifest_path.exists() && !is_begun(path) && !is_of_two(path) {
             return Err(Error::work_dir(
                 path,
                 "is not empty and not a work directory of this program",
                 "choose an empty or new folder",
             ));
         }
-        let lock = match lock(path, shared)? {
+        let lock = match lock(path, shared, MARK)? {
             Lock::Busy => return Ok(None),
             Lock::Held(held) => Some(held),
             Lock::Unsupported => None,

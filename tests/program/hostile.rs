@@ -102,7 +102,7 @@ fn links_in_the_place_of_outputs_are_not_followed() {
     ["out.seg.partial", "out.glb.partial", "out.json.partial"].into_iter().for_each(link);
     let work = dir.path().join("work");
     std::fs::create_dir(&work).unwrap();
-    std::fs::write(work.join("lock"), "").unwrap();
+    std::fs::write(work.join("lock"), "nystrom-stream work directory\n").unwrap();
     for name in ["manifest.json.partial", "distances.npy.partial", "labels.npy.partial", "rows.journal", "cells.npy"] {
         std::os::unix::fs::symlink(&precious, work.join(name)).unwrap();
     }
