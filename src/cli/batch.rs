@@ -6,7 +6,7 @@
 
 use super::edits::{Like, NameTable};
 use super::errors::{file_of, message};
-use super::input::meshes;
+use super::input::{Given, meshes};
 use super::options::{AppContext, CliError};
 use super::output::{Output, check_folders, check_names, closing_line, outputs_of};
 use super::progress::{BatchBars, Style, tell};
@@ -68,7 +68,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     // A wrong option is reported before a missing folder.
     args.method.params()?;
-    let (meshes, several) = meshes(&args.meshes)?;
+    let Given { meshes, several, unlisted } = meshes(&args.meshes)?;
     // A pattern or a list that happens to match one mesh is still a batch.
     let many = several || args.is_batch();
     let (mut params, mut edits) = check(args, &meshes, several)?;
@@ -103,7 +103,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     // The inputs and outputs of each mesh are checked when its turn comes.
     args.json.json.iter().chain(&args.json_lines).try_for_each(|path| Sink::of(path).check())?;
     if many {
-        return all(jobs, task, app);
+        return all(jobs, unlisted, task, app);
     }
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
@@ -211,17 +211,20 @@ impl Tally {
                 self.tell(&line)
             }
             Err(error @ Error::Cancelled) => Err(error),
-            Err(error) => {
-                let reason = message(&error);
-                // Most messages start with the file name, which the table already shows.
-                let start = format!("{}: ", job.mesh.display());
-                let reason = reason.strip_prefix(&start).map_or(reason.clone(), str::to_string);
-                let line = json!({"mesh": job.mesh.to_string_lossy(), "seconds": seconds, "error": reason});
-                self.failed.push((job.mesh.clone(), reason));
-                self.tell(&line)
-            }
+            Err(error) => self.record_failure(&job.mesh, &error, seconds),
         };
         written.map_err(|error| self.stop.get_or_insert(error)).is_ok()
+    }
+
+    /// Records why `mesh` failed.
+    fn record_failure(&mut self, mesh: &Path, error: &Error, seconds: f64) -> Result<()> {
+        let reason = message(error);
+        // Most messages start with the file name, which the table already shows.
+        let start = format!("{}: ", mesh.display());
+        let reason = reason.strip_prefix(&start).map_or(reason.clone(), str::to_string);
+        let line = json!({"mesh": mesh.to_string_lossy(), "seconds": seconds, "error": reason});
+        self.failed.push((mesh.to_path_buf(), reason));
+        self.tell(&line)
     }
 }
 
@@ -239,11 +242,13 @@ struct Batch<'a> {
     /// Threads and bytes of memory per mesh.
     share: (usize, u64),
     next: AtomicUsize,
+    /// Number of folders that could not be listed.
+    unlisted: usize,
     tally: Mutex<Tally>,
 }
 
-/// Segments all meshes.
-fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError> {
+/// Segments all meshes; the `unlisted` folders are reported as failed ones.
+fn all(jobs: Vec<Job>, unlisted: Vec<(PathBuf, Error)>, task: Task<'_>, app: &AppContext) -> Result<(), CliError> {
     let args = task.args;
     let start = Instant::now();
     let style = args.run.bars().style();
@@ -257,6 +262,7 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
         style,
         share: ((whole.threads / workers).max(1), whole.budget.total() / workers as u64),
         next: AtomicUsize::new(0),
+        unlisted: unlisted.len(),
         tally: Mutex::default(),
         jobs,
         task,
@@ -267,6 +273,10 @@ fn all(jobs: Vec<Job>, task: Task<'_>, app: &AppContext) -> Result<(), CliError>
     }
     batch.tally.get_mut().unwrap_or_else(PoisonError::into_inner).lines =
         lines.map(|path| Sink::of(path).open(args.resume)).transpose()?;
+    for (folder, error) in unlisted {
+        batch.bars.complain(&folder, &message(&error), file_of(&error));
+        batch.tally.get_mut().unwrap_or_else(PoisonError::into_inner).record_failure(&folder, &error, 0.)?;
+    }
     std::thread::scope(|scope| {
         (1..workers).for_each(|_| drop(spawn(scope, || batch.work())));
         batch.work();
@@ -360,7 +370,7 @@ impl Batch<'_> {
             tell(&format!("check {} of {}: {}", doubtful.len(), tally.reports.len(), doubtful.join(", ")));
         }
         self.task.args.json.publish(&tally.reports.values().collect::<Vec<_>>())?;
-        let (all, failed) = (self.jobs.len(), tally.failed.len());
+        let (all, failed) = (self.jobs.len() + self.unlisted, tally.failed.len());
         if shows_lines {
             tally.failed.iter().for_each(|(mesh, reason)| tell(&format!("failed: {}: {reason}", mesh.display())));
             let done = all - failed - tally.skipped;

@@ -15,6 +15,7 @@ use nystrom_stream::pipeline::admission::admit;
 use nystrom_stream::pipeline::input::{self, SPOOLED};
 use nystrom_stream::store::{Context, Run, workdir};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::os::fd::AsFd;
@@ -106,54 +107,71 @@ fn without_results(word: &Path, found: &mut Vec<PathBuf>) -> Result<(), Error> {
     Ok(())
 }
 
-/// The meshes given by `words`, without duplicates, in order: files, the meshes in folders, matches of patterns. Also
-/// whether they are treated as a batch.
-pub fn meshes(words: &[PathBuf]) -> Result<(Vec<PathBuf>, bool), CliError> {
-    let (mut all, mut many) = (Vec::new(), words.len() > 1);
+/// The meshes that a command is given.
+pub struct Given {
+    /// Their paths, without duplicates, in order.
+    pub meshes: Vec<PathBuf>,
+    /// Whether they are treated as a batch.
+    pub several: bool,
+    /// Folders that could not be listed, and why: each counts as a mesh that failed.
+    pub unlisted: Vec<(PathBuf, Error)>,
+}
+
+/// The meshes given by `words`: files, the meshes in folders, matches of patterns.
+pub fn meshes(words: &[PathBuf]) -> Result<Given, CliError> {
+    let (mut all, mut many, mut unlisted) = (Vec::new(), words.len() > 1, Vec::new());
     for word in words {
         let text = word.to_string_lossy();
-        if word.is_dir() {
-            many = true;
-            let entries = std::fs::read_dir(word).map_err(Error::io(word, "list"))?;
-            let mut found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
-            // A dangling link is reported when its turn comes.
-            let is_file = |path: &Path| path.is_file() || path.is_symlink() && !path.exists();
+        let before = unlisted.len();
+        let mut found: Vec<PathBuf> = Vec::new();
+        let nothing = if word.is_dir() {
+            for entry in std::fs::read_dir(word).map_err(Error::io(word, "list"))? {
+                match entry {
+                    Ok(entry) => found.push(entry.path()),
+                    Err(error) => unlisted.push((word.clone(), Error::io(word, "list")(error))),
+                }
+            }
+            // What cannot be looked at, as a dangling link, is reported when its turn comes.
+            let is_file = |path: &Path| std::fs::metadata(path).map_or(true, |there| there.is_file());
             let is_hidden =
                 |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
             found.retain(|path| named(path, &MESH_EXTENSIONS) && is_file(path) && !is_hidden(path));
-            without_results(word, &mut found)?;
-            if found.is_empty() {
-                return Err(Error::unusable(
-                    word,
-                    "holds no mesh (.ply, .obj, .off, .stl, or these with .gz)",
-                    "choose another folder",
-                )
-                .into());
-            }
             found.sort();
-            all.extend(found);
+            ("holds no mesh (.ply, .obj, .off, .stl, or these with .gz)", "choose another folder")
         } else if !word.exists() && text.contains(['*', '?', '[']) {
-            many = true;
             let wrong = |problem: String| CliError::Usage(format!("{text}: {problem}"));
             // As in a shell.
             let options = glob::MatchOptions { require_literal_leading_dot: true, ..glob::MatchOptions::new() };
-            let paths = glob::glob_with(&text, options).map_err(|error| wrong(format!("invalid pattern: {error}")))?;
-            let mut found: Vec<PathBuf> = paths.flatten().collect();
+            for path in glob::glob_with(&text, options).map_err(|error| wrong(format!("invalid pattern: {error}")))? {
+                match path {
+                    Ok(path) => found.push(path),
+                    Err(error) => {
+                        let folder = error.path().to_path_buf();
+                        let error = Error::io(&folder, "list")(error.into());
+                        unlisted.push((folder, error));
+                    }
+                }
+            }
             // Any other pattern that matches parts is meant to.
             found.retain(|path| !text.contains("**") || !is_part(path));
-            without_results(word, &mut found)?;
-            if found.is_empty() {
-                return Err(Error::unusable(word, "matches no file", "check the pattern").into());
-            }
-            all.extend(found);
+            ("matches no file", "check the pattern")
         } else if !word.exists() && [".json", ".jsonl"].iter().any(|extension| text.ends_with(extension)) {
             let hint = "is taken for a mesh, but there is no such file; to write a report, use --json=FILE";
             return Err(CliError::Usage(format!("{text}: {hint}")));
         } else {
             all.push(word.clone());
+            continue;
+        };
+        many = true;
+        without_results(word, &mut found)?;
+        if found.is_empty() {
+            let (problem, remedy) = nothing;
+            let error = if unlisted.len() > before { unlisted.pop().map(|(_, error)| error) } else { None };
+            return Err(error.unwrap_or_else(|| Error::unusable(word, problem, remedy)).into());
         }
+        all.extend(found);
     }
-    let mut seen = std::collections::BTreeSet::new();
+    let mut seen = BTreeSet::new();
     all.retain(|path| seen.insert(path.clone()));
-    Ok((all, many))
+    Ok(Given { meshes: all, several: many, unlisted })
 }

@@ -302,6 +302,46 @@ fn a_folder_of_outputs_alone_is_told_of() {
     }
 }
 
+/// Regression: folders that could not be listed were passed over in silence, and the batch ended with 0.
+#[cfg(unix)]
+#[test]
+fn a_folder_that_cannot_be_listed_fails_and_the_rest_is_done() {
+    use std::os::unix::fs::PermissionsExt;
+    use std::os::unix::process::CommandExt;
+    let dir = common::in_memory();
+    let (open, closed) = (dir.path().join("open"), dir.path().join("closed"));
+    for folder in [&open, &closed] {
+        std::fs::create_dir(folder).unwrap();
+        zoo::grid(5).write(folder);
+    }
+    let mode = |path: &Path, mode| std::fs::set_permissions(path, PermissionsExt::from_mode(mode)).unwrap();
+    [dir.path(), &open].into_iter().for_each(|folder| mode(folder, 0o777));
+    // Permissions bind everybody but root, and the program may lie where only root can look.
+    let there = dir.path().join("program");
+    std::fs::copy(program().get_program(), &there).unwrap();
+    mode(&closed, 0);
+    let is_root = std::fs::read_dir(&closed).is_ok();
+    let cut = |mesh: &Path, option: &str| {
+        let mut own = std::process::Command::new(&there);
+        if is_root {
+            own.uid(65_534);
+        }
+        own.args(["segment", word(mesh), "-k", "2", option]).output().unwrap()
+    };
+    let output = cut(&dir.path().join("*/*.ply"), "--json-lines");
+    let (told, lines) = (errors(&output), lines(&output.stdout));
+    let name = word(&closed);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains(&format!("failed: {name}: cannot list: ")), "{told}");
+    assert!(told.lines().next_back().unwrap().starts_with("2 meshes: 1 done, 1 failed, in "), "{told}");
+    assert!(lines.len() == 2 && lines[0]["mesh"] == name && lines[0]["error"].is_string(), "{lines:?}");
+    // Nor may the files of a folder be looked at: each of them fails.
+    mode(&closed, 0o644);
+    let told = errors(&cut(&closed, "-q"));
+    assert!(told.contains("grid.ply") && told.contains("1 of 1 meshes failed"), "{told}");
+    mode(&closed, 0o755);
+}
+
 /// Regression: the same command again took parts for meshes, and was refused.
 #[test]
 fn a_pattern_over_all_folders_skips_folders_of_parts() {
