@@ -16,7 +16,7 @@ use super::sink::{OpenSink, Sink, check_distinct, check_outside};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::parallel::{catch, lock, spawn};
 use nystrom_stream::base::printable::human;
-use nystrom_stream::base::{Error, Result};
+use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, input};
 use nystrom_stream::store::{Budget, WorkDir};
@@ -28,6 +28,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
+
+/// Why a mesh is skipped that is not done.
+const ELSEWHERE: &str = "another run is working on it";
 
 /// Rejects invalid combinations of options before any work.
 fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(SegmentParams, Option<Edits>), CliError> {
@@ -185,6 +188,8 @@ struct Tally {
     reports: BTreeMap<usize, Report>,
     failed: Vec<(PathBuf, String)>,
     skipped: usize,
+    /// Of the skipped ones, those that another run was working on.
+    elsewhere: usize,
     stop: Option<Error>,
 }
 
@@ -194,10 +199,15 @@ impl Tally {
         self.lines.as_mut().map_or(Ok(()), |lines| lines.write(format!("{line}\n").as_bytes()))
     }
 
-    /// Records that a mesh was already done.
-    fn skip(&mut self, job: &Job) {
+    /// Records that a mesh was already done, or that another run is working on it.
+    fn skip(&mut self, job: &Job, elsewhere: bool) {
         self.skipped += 1;
-        if let Err(error) = self.tell(&json!({"mesh": job.mesh.to_string_lossy(), "skipped": true})) {
+        self.elsewhere += usize::from(elsewhere);
+        let mut line = json!({"mesh": job.mesh.to_string_lossy(), "skipped": true});
+        if elsewhere {
+            line["reason"] = ELSEWHERE.into();
+        }
+        if let Err(error) = self.tell(&line) {
             self.stop.get_or_insert(error);
         }
     }
@@ -317,15 +327,28 @@ impl Batch<'_> {
         }
     }
 
-    /// Cuts mesh `k`, unless its outputs exist.
+    /// Cuts mesh `k`, unless its outputs exist, or another run is making them.
     fn job(&self, k: usize) {
         let (job, args) = (&self.jobs[k], self.task.args);
         let mine = self.bars.of_mesh(&job.mesh.display().to_string());
         let provenance = job.provenance(&self.options);
-        if args.resume && job.is_done(provenance.as_ref(), &mine) {
-            lock(&self.tally).skip(job);
-            self.bars.end(&mine, "");
-            return;
+        let is_done = || args.resume && job.is_done(provenance.as_ref());
+        // Looked at again once claimed: another run may have finished it meanwhile.
+        let claims = match if is_done() { None } else { Some(job.claims()) } {
+            Some(Ok(claims)) if !is_done() => claims,
+            Some(Err(_)) if !args.resume => Vec::new(),
+            done_or_claimed => {
+                let elsewhere = matches!(done_or_claimed, Some(Err(_)));
+                if elsewhere {
+                    mine.note_of_work(&format!("{ELSEWHERE}, and it is skipped"));
+                }
+                lock(&self.tally).skip(job, elsewhere);
+                self.bars.end(&mine, "");
+                return;
+            }
+        };
+        if args.resume {
+            job.tell_of_outputs(&mine);
         }
         let begin = Instant::now();
         let mut run = args.run.run(&mine, self.app);
@@ -352,6 +375,7 @@ impl Batch<'_> {
                 mark.complete();
             }
         }
+        drop(claims);
     }
 
     /// Reports the result of the batch, which started at `start`.
@@ -374,7 +398,10 @@ impl Batch<'_> {
         if shows_lines {
             tally.failed.iter().for_each(|(mesh, reason)| tell(&format!("failed: {}: {reason}", mesh.display())));
             let done = all - failed - tally.skipped;
-            let skipped = if tally.skipped > 0 { format!(", {} skipped", tally.skipped) } else { String::new() };
+            let mut skipped = if tally.skipped > 0 { format!(", {} skipped", tally.skipped) } else { String::new() };
+            if tally.elsewhere > 0 {
+                skipped += &format!(" ({} in another run)", tally.elsewhere);
+            }
             let seconds = start.elapsed().as_secs_f64();
             let all = if all == 1 { "1 mesh".to_string() } else { format!("{all} meshes") };
             tell(&format!("{all}: {done} done, {failed} failed{skipped}, in {seconds:.1} s"));

@@ -4,16 +4,18 @@
 //! version, the mesh and the options, the modification time of the mesh and a hash of all of it, and the size and time
 //! of the output as written. One file per output, written by rename, so several processes may write to one folder of
 //! outputs. An output without such a record, or changed since, counts as made by something else. While an output is
-//! being written, an empty record marks it, so that the next run does not take what a killed one leaves for a mesh.
+//! being written, an empty record marks it, so that the next run does not take what a killed one leaves for a mesh. A
+//! locked file beside the record tells other batches that the run is alive; the lock ends with its process.
 //!
 //! Cost: a mesh is read once more for its hash, after it was cut, and again only if its times differ.
 
 use super::output::Output;
 use super::sink::folder_of;
 use nystrom_stream::apps::export::Form;
+use nystrom_stream::base::{Error, Result};
 use nystrom_stream::pipeline::input;
 use nystrom_stream::pipeline::labels::LABELS_VERSION;
-use nystrom_stream::store::json;
+use nystrom_stream::store::{create_locked, json};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -134,6 +136,38 @@ impl Mark<'_> {
             // It stays if it holds other records.
             let _ = path.parent().map(std::fs::remove_dir);
         }
+    }
+}
+
+/// The claim of a run that is making an output, until it is dropped.
+pub struct Claim {
+    path: PathBuf,
+    _locked: File,
+}
+
+impl Claim {
+    /// Claims `output`; `None` for standard output, and if nothing can be written beside it.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] if another run has claimed it.
+    pub fn of(output: &Output) -> Result<Option<Self>> {
+        let Some(path) = output.path().and_then(place).map(|record| record.with_extension("claim")) else {
+            return Ok(None);
+        };
+        let _ = path.parent().map(std::fs::create_dir);
+        match create_locked(&path) {
+            Ok(locked) => Ok(Some(Self { path, _locked: locked })),
+            Err(error @ Error::Unusable { .. }) => Err(error),
+            Err(_) => Ok(None),
+        }
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.path);
+        // It stays if it holds records.
+        let _ = self.path.parent().map(std::fs::remove_dir);
     }
 }
 

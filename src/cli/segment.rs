@@ -6,7 +6,7 @@ use super::method::MethodArgs;
 use super::options::{AppContext, ForceArgs, RunArgs, ScratchArgs};
 use super::output::{FormArgs, JsonArgs, Output, scratch_folder};
 use super::progress::Bars;
-use super::provenance::Provenance;
+use super::provenance::{Claim, Provenance};
 use super::results::Cut;
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::apps::export::csv;
@@ -63,7 +63,8 @@ pub struct SegmentArgs {
         help_heading = "Many meshes"
     )]
     pub jobs: u16,
-    /// Skip meshes whose outputs a batch with the same options has written since the mesh was last changed
+    /// Skip meshes whose outputs a batch with the same options has written since the mesh was last changed, and those
+    /// that another batch is working on
     #[arg(long, help_heading = "Many meshes")]
     pub resume: bool,
     #[command(flatten)]
@@ -120,12 +121,23 @@ impl Job {
 
     /// Whether `provenance` made all outputs. It identifies the mesh by its content: the time of a mesh may be in the
     /// future, if it is from a machine whose clock is ahead.
-    pub fn is_done(&self, provenance: Option<&Provenance>, progress: &Bars) -> bool {
-        let done = provenance.is_some_and(|provenance| self.outputs.iter().all(|output| provenance.is_current(output)));
-        if !done && self.is_newer() {
+    pub fn is_done(&self, provenance: Option<&Provenance>) -> bool {
+        provenance.is_some_and(|provenance| self.outputs.iter().all(|output| provenance.is_current(output)))
+    }
+
+    /// Notes that existing outputs, which are not [done](Self::is_done), are replaced.
+    pub fn tell_of_outputs(&self, progress: &Bars) {
+        if self.is_newer() {
             progress.note_of_work("its outputs may be from another mesh or other options, and are written again");
         }
-        done
+    }
+
+    /// Claims the outputs.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] if another run has claimed one.
+    pub fn claims(&self) -> Result<Vec<Claim>> {
+        self.outputs.iter().filter_map(|output| Claim::of(output).transpose()).collect()
     }
 
     /// One line of JSON about the job.

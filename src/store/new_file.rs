@@ -13,11 +13,12 @@ use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Creates `path` for writing and reading; a leftover of a killed run under this name is removed.
+/// Creates `path` for writing and reading, and locks it until it is closed; a leftover of a killed run under this name
+/// is removed.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::Unusable`] while another process writes it.
-pub(crate) fn create(path: &Path) -> Result<File> {
+/// [`Error::Io`]; [`Error::Unusable`] while another process has it.
+pub fn create(path: &Path) -> Result<File> {
     create_for(path, path)
 }
 

@@ -133,6 +133,39 @@ fn finished_outputs_are_skipped_on_request() {
     assert_eq!(nystrom_stream::mesh::read_seg(&out.join("moebius.seg")).unwrap().len(), 80);
 }
 
+/// Regression: two batches over one folder of outputs that began together cut each mesh twice, in step.
+#[test]
+fn what_another_batch_works_on_is_skipped_on_request() {
+    let dir = common::in_memory();
+    let meshes = [zoo::grid(9).write(dir.path()), zoo::dumbbell().write(dir.path())];
+    let out = dir.path().join("{}.seg");
+    let again = |words: &[&str]| {
+        let words = [&["segment", word(&meshes[0]), word(&meshes[1]), "-k", "2", "-o", word(&out)], words].concat();
+        let output = run(&words);
+        assert!(output.status.success(), "{}", errors(&output));
+        output
+    };
+    let records = dir.path().join(".nystrom-stream");
+    std::fs::create_dir(&records).unwrap();
+    // What a run does that is alive.
+    let claim = records.join("grid.seg.claim");
+    let live = std::fs::File::create(&claim).unwrap();
+    live.lock().unwrap();
+    let output = again(&["--resume", "--json-lines"]);
+    let told = errors(&output);
+    assert!(told.contains("another run is working on it, and it is skipped"), "{told}");
+    assert!(told.contains("2 meshes: 1 done, 0 failed, 1 skipped (1 in another run), in "), "{told}");
+    assert_eq!(lines(&output.stdout)[0]["reason"], "another run is working on it");
+    assert!(claim.exists() && !dir.path().join("grid.seg").exists());
+    // Without the option it is wanted now.
+    assert!(errors(&again(&[])).contains("2 meshes: 2 done, 0 failed, in "));
+    std::fs::remove_file(dir.path().join("grid.seg")).unwrap();
+    // The claim of a run that was killed counts for nothing.
+    drop(live);
+    assert!(errors(&again(&["--resume"])).contains("2 meshes: 1 done, 0 failed, 1 skipped, in "));
+    assert_eq!(names(&records), ["dumbbell.seg.json", "grid.seg.json"]);
+}
+
 /// The record of a batch told of the first and the last mebibyte of a mesh alone, and a mesh that takes the place of
 /// another by renaming keeps its time.
 #[test]
