@@ -75,11 +75,24 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     // A pattern or a list that happens to match one mesh is still a batch.
     let many = several || args.is_batch();
     let (mut params, mut edits) = check(args, &meshes, several)?;
+    if let (Some(path), true) = (&args.like.like, params.cluster != Cluster::Parts) {
+        return Err(CliError::Usage(format!("--like {}: can only be used with --cluster parts", path.display())));
+    }
     let names = NameTable::read(args.edits.names.as_deref())?;
+    let mut jobs = jobs(meshes, &args.output)?;
+    let written = jobs.iter().flat_map(|job| &job.outputs).map(|output| output.target().to_path_buf());
+    let written: Vec<PathBuf> = written.chain(args.json.json.clone()).chain(args.json_lines.clone()).collect();
+    let given = args.edits.edits.iter().chain(&args.edits.names).chain(&args.like.like);
+    check_outside(args.work_dir.as_deref(), &written)?;
+    check_distinct(jobs.iter().map(|job| &job.mesh).chain(given.clone()), &written)?;
+    let files = jobs.iter().map(|job| &job.mesh).chain(given).chain(&written);
+    check_folders(jobs.iter().flat_map(|job| &job.outputs), files)?;
+    // The inputs and outputs of each mesh are checked when its turn comes.
+    args.json.json.iter().chain(&args.json_lines).try_for_each(|path| Sink::of(path).check())?;
+    if !many {
+        jobs[0].check(&args.run.run(&(), app).budget)?;
+    }
     let like = match &args.like.like {
-        Some(path) if params.cluster != Cluster::Parts => {
-            return Err(CliError::Usage(format!("--like {}: can only be used with --cluster parts", path.display())));
-        }
         Some(path) => {
             let place = args.scratch.tmp.clone().unwrap_or_else(std::env::temp_dir);
             let (work, run) = (WorkDir::temporary(&place)?, args.run.run(&(), app));
@@ -95,16 +108,6 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
         None => None,
     };
     let task = Task { args, params: &params, edits: edits.as_ref(), names: names.as_ref(), like: like.as_ref() };
-    let mut jobs = jobs(meshes, &args.output)?;
-    let written = jobs.iter().flat_map(|job| &job.outputs).map(|output| output.target().to_path_buf());
-    let written: Vec<PathBuf> = written.chain(args.json.json.clone()).chain(args.json_lines.clone()).collect();
-    let edits = args.edits.edits.iter().chain(&args.edits.names).chain(&args.like.like);
-    check_outside(args.work_dir.as_deref(), &written)?;
-    check_distinct(jobs.iter().map(|job| &job.mesh).chain(edits.clone()), &written)?;
-    let files = jobs.iter().map(|job| &job.mesh).chain(edits).chain(&written);
-    check_folders(jobs.iter().flat_map(|job| &job.outputs), files)?;
-    // The inputs and outputs of each mesh are checked when its turn comes.
-    args.json.json.iter().chain(&args.json_lines).try_for_each(|path| Sink::of(path).check())?;
     if many {
         return all(jobs, unlisted, task, app);
     }

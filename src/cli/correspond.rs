@@ -209,6 +209,11 @@ impl CorrespondArgs {
     }
 }
 
+/// The parameters of the picture.
+fn pictured() -> PictureParams {
+    PictureParams::default().height(800)
+}
+
 pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let mut params = args.method.params();
     params.embedding.check()?;
@@ -216,6 +221,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     params.points = args.points.is_some();
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
+    args.picture.as_ref().map_or(Ok(()), |_| pictured().check_budget(&run.budget))?;
     let beside = || args.outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
     let work = args.scratch.work(args.work_dir.as_deref(), beside, &run)?;
     let mut inputs = None;
@@ -305,8 +311,7 @@ impl Carried {
                 ply::write_annotated(to_b, b, &ply::plain::colours(of_b), &[], context.run)?;
             }
             if let Some(path) = &args.picture {
-                let params = PictureParams::default().height(800);
-                side_by_side(a, b, matches, colours, &params, context)?.write_png(path)?;
+                side_by_side(a, b, matches, colours, &pictured(), context)?.write_png(path)?;
             }
         }
         let Some(path) = &args.carried else { return Ok(()) };

@@ -1,6 +1,7 @@
 //! `evaluate`: scores labels against those of people, for one mesh or for the folder of a benchmark; scores matches of
 //! `correspond` against true ones.
 
+use super::input::check_there;
 use super::options::{AppContext, CliError, misfit};
 use super::output::{JsonArgs, check_charts};
 use super::progress::{Bars, Style};
@@ -77,7 +78,8 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
         return Err(misfit("--samples", "--matches"));
     }
     let inputs = args.labels.iter().chain(&args.mesh).chain(&args.truth).chain(&args.matches);
-    check_places(inputs, None, args.plot.iter().chain(&args.json.json))?;
+    check_places(inputs.clone(), None, args.plot.iter().chain(&args.json.json))?;
+    inputs.into_iter().try_for_each(|path| check_there(path))?;
     let bars = Bars::new(if args.quiet { Style::Quiet } else { Style::of_terminal() });
     let mut run = Run::new(&bars);
     if let Some(threads) = args.threads {

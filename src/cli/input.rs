@@ -142,7 +142,9 @@ pub fn meshes(words: &[PathBuf]) -> Result<Given, CliError> {
             let wrong = |problem: String| CliError::Usage(format!("{text}: {problem}"));
             // As in a shell.
             let options = glob::MatchOptions { require_literal_leading_dot: true, ..glob::MatchOptions::new() };
-            for path in glob::glob_with(&text, options).map_err(|error| wrong(format!("invalid pattern: {error}")))? {
+            for path in glob::glob_with(&text, options)
+                .map_err(|error| wrong(format!("invalid pattern: {error}; write [[] for a bracket")))?
+            {
                 match path {
                     Ok(path) => found.push(path),
                     Err(error) => {

@@ -2,7 +2,7 @@
 //! points.
 
 use super::choices::{choice, name_of};
-use super::input::open_file;
+use super::input::{check_there, open_file};
 use super::method::MetricArgs;
 use super::options::{AppContext, CliError, RunArgs, ScratchArgs, misfit};
 use super::output::{JsonArgs, check_charts};
@@ -154,6 +154,7 @@ fn names(meshes: &[PathBuf]) -> Vec<String> {
 pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
     let params = params(args)?;
     check_places(&args.meshes, None, args.plot.iter().chain(&args.csv).chain(&args.json.json))?;
+    args.meshes.iter().try_for_each(|path| check_there(path))?;
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     let grounds = StudyParams::default()

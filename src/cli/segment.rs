@@ -17,7 +17,7 @@ use nystrom_stream::pipeline::like::{self, LikeFacts, TransferMethod};
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{SegmentParams, labels, segment_corrected};
 use nystrom_stream::store::json::value as to_json;
-use nystrom_stream::store::{Context, Run};
+use nystrom_stream::store::{Budget, Context, Run};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -140,6 +140,12 @@ impl Job {
         self.outputs.iter().filter_map(|output| Claim::of(output).transpose()).collect()
     }
 
+    /// Rejects a missing mesh, and outputs that cannot be written within `budget`, before any work.
+    pub fn check(&self, budget: &Budget) -> Result<()> {
+        check_there(&self.mesh)?;
+        self.outputs.iter().try_for_each(|output| output.check().and_then(|()| output.check_budget(budget)))
+    }
+
     /// One line of JSON about the job.
     pub fn line(&self, report: &Report, seconds: f64) -> Value {
         let outputs: Vec<_> = self.outputs.iter().filter_map(Output::path).map(Path::to_string_lossy).collect();
@@ -197,8 +203,7 @@ fn doubts(facts: &LikeFacts) -> String {
 pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) -> Result<Report> {
     let Task { args, params, edits, names, like } = task;
     let Job { mesh: path, outputs } = job;
-    check_there(path)?;
-    outputs.iter().try_for_each(|output| output.check().and_then(|()| output.check_budget(&run.budget)))?;
+    job.check(&run.budget)?;
     let work = args.scratch.work(args.work_dir.as_deref(), || scratch_folder(outputs), run)?;
     if path.as_os_str() != "-" && !args.no_plan {
         super::plan::check(path, params, Context::new(&work, run))?;

@@ -174,12 +174,12 @@ pub fn print(bytes: &[u8]) -> Result<()> {
     out.write_all(bytes).and_then(|()| out.flush()).map_err(Error::io("<stdout>", "write"))
 }
 
-/// The location of the file `path`, existing or not; `-` for standard output; `None` for pipes and devices, where
-/// nothing can be overwritten.
+/// The location of the file or folder `path`, existing or not; `-` for standard output; `None` for pipes and devices,
+/// where nothing can be overwritten.
 fn place(path: &Path) -> Option<PathBuf> {
     match std::fs::metadata(path) {
         _ if path == Path::new("-") => Some(path.into()),
-        Ok(there) if there.is_file() => path.canonicalize().ok(),
+        Ok(there) if there.is_file() || there.is_dir() => path.canonicalize().ok(),
         Ok(_) => None,
         Err(_) => own_place(path),
     }

@@ -335,6 +335,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let inputs = inputs.chain([&record.mesh]);
     check_places(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.json.json))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
+    outputs.iter().try_for_each(|output| output.check_budget(&run.budget))?;
     let (params, edits) = args.params(&record)?;
     let names = NameTable::read(args.edits.names.as_deref())?;
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
@@ -413,6 +414,8 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     let inputs = inputs.chain([&record.mesh]);
     check_places(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.tree))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.tree))?;
+    outputs.iter().try_for_each(|output| output.check_budget(&run.budget))?;
+    let table = NameTable::read(args.names.as_deref())?;
     check_mesh(args.mesh.as_deref(), &record, work.path())?;
     // Those of the record if nothing was cut yet.
     let params = labels::method(&work).unwrap_or_else(|| record.params.clone());
@@ -425,7 +428,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         let scratch = WorkDir::in_memory(&scratch, &run.budget);
         let kept = Labels::read(&work)?;
         let (mut names, colours) = (kept.names(), kept.colours());
-        if let Some(table) = NameTable::read(args.names.as_deref())? {
+        if let Some(table) = table {
             table.give(&mut names, colours.len())?;
         }
         let Labels { labels, quality, parts, edits, .. } = kept;

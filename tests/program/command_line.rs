@@ -791,6 +791,46 @@ fn outputs_replace_no_mesh_and_no_folder() {
     assert!(scan.exists() && std::fs::read(&mesh).unwrap() == std::fs::read(&scan).unwrap());
 }
 
+/// Regression: an existing folder was written twice under two names, or into the work directory, and a missing file
+/// among several was found after the work on those before it.
+#[test]
+fn folders_and_several_files_are_looked_at_before_any_work() {
+    let dir = common::in_memory();
+    let path = |name: &str| dir.path().join(name);
+    let told = |words: &[&str], code: i32, problem: &str| {
+        let output = program().current_dir(dir.path()).args(words).output().unwrap();
+        let told = errors(&output);
+        assert!(output.status.code() == Some(code) && told.contains(problem), "{words:?}: {told}");
+        assert!(!told.contains("dual graph") && !told.contains("reading"), "{words:?} worked first: {told}");
+    };
+    zoo::dumbbell().write(dir.path());
+    let mesh = "dumbbell.ply";
+    std::fs::create_dir(path("parts")).unwrap();
+    for other in ["./parts/", "parts/../parts/"] {
+        told(&["segment", mesh, "-o", "parts/", "-o", other], 2, "two outputs cannot have the same name");
+    }
+    told(&["segment", mesh, "-o", "parts"], 1, "parts: is a folder; end it with / for one file per part");
+    segment(&path(mesh), &["-q", "-k", "2", "--work-dir", word(&path("work")), "-o", word(&path("x.seg"))]);
+    told(&["segment", mesh, "--work-dir", "work", "-o", "work/"], 2, "lies in the work directory");
+    told(&["segment", "[", "-o", "x.seg"], 2, "write [[] for a bracket");
+    told(&["quality", mesh, "no.ply", "--compare", "-l", "5"], 1, "no.ply: cannot open");
+    told(&["evaluate", "x.seg", "--mesh", mesh, "--truth", "no.seg"], 1, "no.seg: cannot open");
+    std::fs::write(path("edits.json"), r#"{"format": "nystrom-stream edits", "version": 1, "edits": []}"#).unwrap();
+    for words in [["-o", "none/x.ply"], ["--json=none/x.json", "-q"]] {
+        let like = ["segment", mesh, "--like", mesh, "--edits", "edits.json"];
+        told(&[&like[..], &words].concat(), 1, "its folder none does not exist");
+    }
+    // Those of pictures, before boundaries and matches.
+    let little = ["--max-memory", "20MiB"];
+    told(&[&["cluster", "--work-dir", "work", "-o", "x.png"][..], &little].concat(), 1, "the picture needs");
+    told(&[&["export", "--work-dir", "work", "-o", "x.png"][..], &little].concat(), 1, "the picture needs");
+    told(&[&["correspond", mesh, mesh, "--picture", "x.png"][..], &little].concat(), 1, "the picture needs");
+    // Names, before a hierarchy is written.
+    let export = ["export", "--work-dir", "work", "-o", "x.ply", "--names", "no.tsv", "--tree", "tree.json"];
+    told(&export, 1, "no.tsv: cannot read");
+    assert!(!path("tree.json").exists());
+}
+
 /// Regression: files of edits, names and hierarchies were read whole whatever their size.
 #[test]
 fn files_that_people_write_are_refused_where_they_are_huge() {
