@@ -61,7 +61,7 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(Segme
             );
         }
         if args.work_dir.is_some() {
-            return misused("--work-dir can only be used with a single mesh");
+            return misused("--work-dir can only be used with a single mesh; leave it out, or cut meshes one by one");
         }
     }
     Ok((params, edits))

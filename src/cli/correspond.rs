@@ -5,7 +5,7 @@ use super::choices::choice;
 use super::errors::of_file;
 use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs, misfit};
-use super::output::JsonArgs;
+use super::output::{JsonArgs, check_extensions};
 use super::sink::{check_places, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
@@ -189,6 +189,7 @@ impl CorrespondArgs {
             let (path, extensions) = (path.display(), files::EXTENSIONS);
             return Err(CliError::Usage(format!("-o {path}: unknown extension; use {extensions}")));
         }
+        check_extensions("--initial-map", &self.initial_map, &["npy", "csv"], "give a .npy or .csv file")?;
         let one = Option::as_slice;
         for (option, paths, extension) in [
             ("colours", self.colours.as_slice(), "ply"),

@@ -354,8 +354,18 @@ impl std::fmt::Display for Significant {
 
 /// Rejects charts in an unknown format before any work.
 pub fn check_charts(option: &str, paths: &[PathBuf]) -> Result<(), CliError> {
-    match paths.iter().find(|path| !["svg", "png"].iter().any(|ending| ends_with(path, ending))) {
-        Some(path) => Err(CliError::Usage(format!("{option} {}: unknown extension; use .svg or .png", path.display()))),
+    check_extensions(option, paths, &["svg", "png"], "use .svg or .png")
+}
+
+/// Rejects `paths` for `option` that end with none of `endings`, before any work.
+pub fn check_extensions<'a>(
+    option: &str,
+    paths: impl IntoIterator<Item = &'a PathBuf>,
+    endings: &[&str],
+    remedy: &str,
+) -> Result<(), CliError> {
+    match paths.into_iter().find(|path| !endings.iter().any(|ending| ends_with(path, ending))) {
+        Some(path) => Err(CliError::Usage(format!("{option} {}: unknown extension; {remedy}", path.display()))),
         None => Ok(()),
     }
 }

@@ -2,6 +2,7 @@
 
 use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs};
+use super::output::check_extensions;
 use super::sink::{check_is_no_stream, check_places, folder_of};
 use nystrom_stream::apps::labelled_faces::LabelledFaces;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
@@ -93,7 +94,7 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     let params = args.params();
     params.check()?;
     let target = args.target()?;
-    check_labels(args.labels.as_deref())?;
+    check_labels(args.labels.as_ref())?;
     check_is_no_stream("-o", &target)?;
     check_places([&args.mesh].into_iter().chain(&args.labels), None, [&target])?;
     check_there(&args.mesh)?;
@@ -117,13 +118,9 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
 }
 
 /// Rejects a file of labels that is missing or has an extension other than .seg and .npy, before a mesh is read.
-pub(super) fn check_labels(given: Option<&Path>) -> Result<(), CliError> {
-    let Some(path) = given else { return Ok(()) };
-    if !["seg", "npy"].iter().any(|ending| ends_with(path, ending)) {
-        let text = format!("--labels {}: unknown extension; give a .seg or .npy file", path.display());
-        return Err(CliError::Usage(text));
-    }
-    Ok(check_there(path)?)
+pub(super) fn check_labels(given: Option<&PathBuf>) -> Result<(), CliError> {
+    check_extensions("--labels", given, &["seg", "npy"], "give a .seg or .npy file")?;
+    Ok(given.map_or(Ok(()), |path| check_there(path))?)
 }
 
 /// The labels of `mesh` in the file `given`, or in the mesh's own file; `None` if there are none.

@@ -44,7 +44,7 @@ pub struct TransferArgs {
 pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let outputs = outputs_of(&args.output)?;
     args.ply.check(&outputs)?;
-    check_labels(args.labels.as_deref())?;
+    check_labels(args.labels.as_ref())?;
     let inputs = [&args.from, &args.to].into_iter().chain(&args.labels);
     check_places(inputs.clone(), None, args.output.iter().chain(&args.json.json))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;

@@ -825,6 +825,9 @@ fn folders_and_several_files_are_looked_at_before_any_work() {
     told(&[&["cluster", "--work-dir", "work", "-o", "x.png"][..], &little].concat(), 1, "the picture needs");
     told(&[&["export", "--work-dir", "work", "-o", "x.png"][..], &little].concat(), 1, "the picture needs");
     told(&[&["correspond", mesh, mesh, "--picture", "x.png"][..], &little].concat(), 1, "the picture needs");
+    // Regression: a map of an unknown format was found after both meshes were read, and ended with 1.
+    let map = ["correspond", mesh, mesh, "-o", "x.npy", "--initial-map", "x.seg"];
+    told(&map, 2, "x.seg: unknown extension; give a .npy or .csv file");
     // Names, before a hierarchy is written.
     let export = ["export", "--work-dir", "work", "-o", "x.ply", "--names", "no.tsv", "--tree", "tree.json"];
     told(&export, 1, "no.tsv: cannot read");
