@@ -262,6 +262,8 @@ impl Running<'_, '_> {
         let name = format!("row-{}-{thread}.tmp", self.job.spec.shard);
         let mut memory = None;
         for Request { row, landmark, known } in requests {
+            // A front over a small graph ends before it looks for a stop.
+            self.context.run.cancel.check()?;
             let entry = match known {
                 Some(known) => self.sink.put(row, landmark, known.items(self.job.spec.nodes)),
                 None => {

@@ -248,6 +248,34 @@ fn files_are_saved_with_the_choices_that_their_form_leaves() {
     }
 }
 
+/// Stops the run at its first row, and counts rows.
+#[derive(Default)]
+struct StopsAtTheFirstRow {
+    cancel: Cancel,
+    rows: AtomicUsize,
+}
+
+impl Progress for StopsAtTheFirstRow {
+    fn advance(&self, stage: &str, done: u64) {
+        if stage == "rows" {
+            self.cancel.cancel();
+            self.rows.fetch_add(done as usize, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Regression: a front looks for a stop every so many visits, which one over a small mesh never makes, so all of
+/// thousands of rows were computed.
+#[test]
+fn a_stop_is_heeded_between_the_rows_of_a_small_mesh() {
+    let mesh = Mesh::creature(4_000).unwrap();
+    let listener = Arc::new(StopsAtTheFirstRow::default());
+    let segmenter = Segmenter::new().landmarks(2_000).threads(1).cancel(listener.cancel.clone());
+    let stopped = segmenter.progress(listener.clone()).run(&mesh);
+    assert!(matches!(stopped, Err(Error::Cancelled)));
+    assert!(listener.rows.load(Ordering::Relaxed) < 2_000);
+}
+
 #[test]
 fn a_run_can_be_stopped_and_says_what_is_wrong() {
     let mesh = Mesh::creature(4_000).unwrap();
