@@ -139,7 +139,7 @@ fn one(labels: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
     let truths: Vec<Vec<u32>> = args.truth.iter().map(|path| read(path)).collect::<Result<_>>()?;
     let truths: Vec<Segmentation> =
         args.truth.iter().zip(&truths).map(|(path, truth)| fitting(&surface, path, truth)).collect::<Result<_>>()?;
-    let each: Vec<Scores> = truths.iter().map(|truth| surface.compare(&judged, truth)).collect();
+    let each: Vec<Scores> = truths.iter().map(|truth| surface.compare(&judged, truth)).collect::<Result<_>>()?;
     let mean = surface.compare_many(&judged, &truths)?;
     let people = if truths.len() > 1 { Some(surface.people(&truths)?) } else { None };
     let parts = truths.iter().map(|truth| truth.parts() as f64).sum::<f64>() / truths.len() as f64;

@@ -124,7 +124,22 @@ fn people_are_compared_with_each_other_person() {
         .collect();
     assert!(all_close(&surface.people(&ready).unwrap(), &Scores::mean(&left_out).unwrap()));
     let direct = compare(Some(&mesh), &truths[0], &truths[1]).unwrap();
-    assert!(all_close(&surface.compare(&ready[0], &ready[1]), &direct));
+    assert!(all_close(&surface.compare(&ready[0], &ready[1]).unwrap(), &direct));
+}
+
+/// Regression: labels of a mesh with more vertices or fewer faces ended in a panic, or in wrong scores.
+#[test]
+fn labels_that_another_evaluator_prepared_are_refused() {
+    let (small, large) = (Evaluator::of(&grid(3)).unwrap(), Evaluator::of(&grid(8)).unwrap());
+    let labels: Vec<u32> = (0..128).map(|face| face / 20).collect();
+    let (few, many) = (small.segmentation("few", &labels[..18]).unwrap(), large.segmentation("many", &labels).unwrap());
+    assert!(small.clone().compare(&few, &few).is_ok());
+    for (labels, truth, told) in [(&few, &many, "truth: another evaluator"), (&many, &few, "labels: another")] {
+        let error = small.compare(labels, truth).unwrap_err().to_string();
+        assert!(error.starts_with(told), "{error}");
+        assert!(small.contingency(labels, truth).is_err());
+    }
+    assert!(small.compare_many(&few, &[few.clone(), many.clone()]).is_err() && small.people(&[few, many]).is_err());
 }
 
 #[test]

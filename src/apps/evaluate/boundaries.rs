@@ -21,6 +21,7 @@ use crate::base::vector::{self, distance, finite, position_key};
 use crate::base::{Cancel, Error, Result};
 use crate::mesh::Mesh;
 use rstar::RTree;
+use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The mesh data needed for comparisons.
@@ -32,6 +33,8 @@ pub struct Evaluator {
     pub(super) edges: Option<Edges>,
     /// Cancels long computations.
     pub(super) cancel: Cancel,
+    /// What labels prepared by this evaluator refer to.
+    pub(super) identity: Arc<()>,
 }
 
 /// The mesh as a graph of vertices and edges.
@@ -56,7 +59,7 @@ pub(super) struct Edges {
 impl Evaluator {
     /// Only faces of equal weight, for labels without a mesh.
     pub fn of_faces(faces: usize) -> Self {
-        Self { faces, areas: None, edges: None, cancel: Cancel::default() }
+        Self { faces, areas: None, edges: None, cancel: Cancel::default(), identity: Arc::default() }
     }
 
     /// Faces weighted by area, without cut discrepancy. A face without a finite area counts as 0; if no face has an

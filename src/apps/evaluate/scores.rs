@@ -9,6 +9,7 @@ use crate::base::{Error, Result};
 use crate::mesh::Mesh;
 use serde::Serialize;
 use std::fmt::Write;
+use std::sync::Arc;
 
 /// The metrics of labels against a truth; 0 means equal, lower is better, all except the cut discrepancy are below 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -80,6 +81,8 @@ pub struct Segmentation<'a> {
     labels: &'a [u32],
     numbering: LabelIndex,
     cut: Option<BoundaryField>,
+    /// The evaluator that prepared it.
+    evaluator: Arc<()>,
 }
 
 impl Segmentation<'_> {
@@ -97,7 +100,7 @@ impl Evaluator {
     pub fn segmentation<'a>(&self, name: &str, labels: &'a [u32]) -> Result<Segmentation<'a>> {
         check_count(name, labels.len(), self.faces)?;
         let cut = self.edges.as_ref().map(|edges| BoundaryField::of(edges, labels, &self.cancel)).transpose()?;
-        Ok(Segmentation { labels, numbering: LabelIndex::of(labels), cut })
+        Ok(Segmentation { labels, numbering: LabelIndex::of(labels), cut, evaluator: self.identity.clone() })
     }
 
     /// Prepares the labels of several people; errors call them "truth 1" and so on.
@@ -109,35 +112,47 @@ impl Evaluator {
     }
 
     /// The overlaps of two labellings of this surface.
-    pub fn contingency(&self, labels: &Segmentation, truth: &Segmentation) -> Contingency {
-        count((labels.labels, &labels.numbering), (truth.labels, &truth.numbering), self.areas.as_deref())
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] if one was prepared by another evaluator (a clone of this one is the same).
+    pub fn contingency(&self, labels: &Segmentation, truth: &Segmentation) -> Result<Contingency> {
+        for (name, prepared) in [("labels", labels), ("truth", truth)] {
+            if !Arc::ptr_eq(&prepared.evaluator, &self.identity) {
+                return Err(Error::parameter(name, "another evaluator prepared it", "prepare it with this one"));
+            }
+        }
+        Ok(count((labels.labels, &labels.numbering), (truth.labels, &truth.numbering), self.areas.as_deref()))
     }
 
     /// All metrics of a pair, both prepared by this evaluator.
-    pub fn compare(&self, labels: &Segmentation, truth: &Segmentation) -> Scores {
+    ///
+    /// # Errors
+    /// As [`Evaluator::contingency`].
+    pub fn compare(&self, labels: &Segmentation, truth: &Segmentation) -> Result<Scores> {
+        let scores = Scores::of_table(&self.contingency(labels, truth)?);
         let cuts = self.edges.as_ref().zip(labels.cut.as_ref()).zip(truth.cut.as_ref());
         let cut_discrepancy = cuts.and_then(|((edges, one), other)| discrepancy(edges, one, other));
-        Scores { cut_discrepancy, ..Scores::of_table(&self.contingency(labels, truth)) }
+        Ok(Scores { cut_discrepancy, ..scores })
     }
 
     /// Mean metrics of one labelling against several truths.
     ///
     /// # Errors
-    /// [`Error::Parameter`] if there is no truth.
+    /// [`Error::Parameter`] if there is no truth; as [`Evaluator::contingency`].
     pub fn compare_many(&self, labels: &Segmentation, truths: &[Segmentation]) -> Result<Scores> {
-        let all: Vec<Scores> = truths.iter().map(|truth| self.compare(labels, truth)).collect();
+        let all: Vec<Scores> = truths.iter().map(|truth| self.compare(labels, truth)).collect::<Result<_>>()?;
         Scores::mean(&all).ok_or_else(|| Error::parameter("truth", "there is none", "give at least one labelling"))
     }
 
     /// Mean metrics of each person against the others, as if each in turn were evaluated.
     ///
     /// # Errors
-    /// [`Error::Parameter`] if there are fewer than two.
+    /// [`Error::Parameter`] if there are fewer than two; as [`Evaluator::contingency`].
     pub fn people(&self, truths: &[Segmentation]) -> Result<Scores> {
         let mut all = Vec::with_capacity(truths.len() * truths.len().saturating_sub(1));
         for (k, one) in truths.iter().enumerate() {
             for other in &truths[..k] {
-                let scores = self.compare(one, other);
+                let scores = self.compare(one, other)?;
                 all.extend([scores, scores.reversed()]);
             }
         }
@@ -165,7 +180,7 @@ pub fn compare(mesh: Option<&Mesh>, labels: &[u32], truth: &[u32]) -> Result<Sco
     check_count("labels", labels.len(), faces)?;
     check_count("truth", truth.len(), faces)?;
     let surface = mesh.map_or_else(|| Ok(Evaluator::of_faces(faces)), Evaluator::of)?;
-    Ok(surface.compare(&surface.segmentation("labels", labels)?, &surface.segmentation("truth", truth)?))
+    surface.compare(&surface.segmentation("labels", labels)?, &surface.segmentation("truth", truth)?)
 }
 
 /// The scores of one model of a collection.
