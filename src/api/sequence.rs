@@ -110,8 +110,7 @@ impl Sequence {
             return npy::write(path, &self.order.places, 1, true).map(drop);
         }
         if !ends_with(path, "ply") {
-            let problem = format!("{}: unknown extension", path.display());
-            return Err(Error::parameter("path", problem, "use .ply or .npy"));
+            return Err(Error::extension("path", path, "use .ply or .npy"));
         }
         let order = Rearrangement { places: &self.order.places, numbers: &self.order.uses.rank, original: false };
         self.options.with(|context, _| rearranged::write(&self.mesh, path, &order, PlyForm::Same, context))

@@ -182,6 +182,11 @@ impl Error {
         Error::Parameter { name: name.into(), problem: problem.into(), remedy: remedy.into() }
     }
 
+    /// An [`Error::Parameter`] for an output whose format its extension does not tell.
+    pub fn extension(name: &str, path: &Path, remedy: impl Into<String>) -> Error {
+        Error::parameter(name, format!("{}: unknown extension", shown(path)), remedy)
+    }
+
     /// An [`Error::Internal`]; its message stays one line.
     pub fn internal(problem: &str) -> Error {
         Error::Internal { problem: one_line(problem) }

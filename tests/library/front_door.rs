@@ -284,6 +284,10 @@ fn a_run_can_be_stopped_and_says_what_is_wrong() {
     assert!(matches!(Segmenter::new().cancel(cancel.clone()).run(&mesh), Err(Error::Cancelled)));
     assert!(matches!(Evaluator::stopped_by(&mesh, cancel), Err(Error::Cancelled)));
     assert!(matches!(Segmenter::new().parts(0).run(&mesh), Err(Error::Parameter { .. })));
+    // Regression: the message about an empty path had nothing before its colon, and no message listed pages.
+    let nowhere = Labelling { labels: &vec![0; mesh.faces.len()], colours: &[], quality: None, names: &[] };
+    let told = mesh.save("", nowhere).unwrap_err().to_string();
+    assert!(told.starts_with("path: \"\": unknown extension; use .ply") && told.contains(".html"), "{told}");
     assert!(matches!(Segmenter::new().parts(1 << 30).run(&mesh), Err(Error::Unusable { .. })));
     let wrong = Labelling { labels: &[0], colours: &[], quality: None, names: &[] };
     for name in ["a.seg", "a.npy", "a.ply", "a.glb", "a.xyz"] {

@@ -49,10 +49,7 @@ pub fn write(path: &Path, matches: &[Match], run: &Run) -> Result<()> {
         Some("csv") => publish(path, 0, |file| write_csv(path, file, matches, run)),
         #[cfg(feature = "parquet")]
         Some("parquet") => parquet_table::write(path, matches, run),
-        _ => {
-            let problem = format!("{}: unknown extension", path.display());
-            Err(Error::parameter("output", problem, format!("use {EXTENSIONS}")))
-        }
+        _ => Err(Error::extension("output", path, format!("use {EXTENSIONS}"))),
     }
 }
 

@@ -106,10 +106,9 @@ impl Form {
 
 /// The error for a `path` without a known format.
 pub(crate) fn unknown(path: &Path) -> Error {
-    let problem = format!("{}: unknown extension", path.display());
-    let remedy = "use .ply, .seg, .npy, .obj or .glb (.png and .parquet with their features), or end the path with / \
-                  for a folder";
-    Error::parameter("path", problem, remedy)
+    let remedy = "use .ply, .seg, .npy, .obj or .glb (.png, .parquet and, for a segmentation, .html with their \
+                  features), or end the path with / for a folder";
+    Error::extension("path", path, remedy)
 }
 
 /// Options for a `.ply` and a folder of parts.

@@ -50,7 +50,7 @@ pub(super) fn save(path: &Path, size: (u32, u32), drawing: &impl Drawing) -> Res
             drawing.draw(&backend.into_drawing_area()).map_err(|error| failed(error.to_string()))?;
             image::write_png(path, size, png::ColorType::Rgb, &pixels)
         }
-        _ => Err(Error::parameter("plot", format!("{}: unknown extension", path.display()), "use .svg or .png")),
+        _ => Err(Error::extension("plot", path, "use .svg or .png")),
     }
 }
 
