@@ -354,10 +354,15 @@ impl<T: Item> ArrayWriter<T> {
     /// Writes the header, syncs where `durable`, and renames.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`Error::Io`]; [`Error::Parameter`] if the items do not fill rows.
     pub fn finish(self, durable: bool) -> Result<MappedSlice<T>> {
-        let (items, path) = (self.len(), self.bytes.path.clone());
-        let shape = if self.row == 1 { vec![items] } else { vec![items * T::WIDTH / self.row, self.row] };
+        let (items, path, row) = (self.len(), self.bytes.path.clone(), self.row);
+        let scalars = items * T::WIDTH;
+        if !scalars.is_multiple_of(row) {
+            let problem = format!("{scalars} numbers do not make rows of {row}");
+            return Err(Error::parameter("row", problem, "choose a length that divides them"));
+        }
+        let shape = if row == 1 { vec![items] } else { vec![scalars / row, row] };
         match self.bytes.finish(&header(T::DESCR, &shape), durable)? {
             Some(bytes) => bytes.slice(&path, 0, items),
             None => open(&path),
@@ -400,10 +405,10 @@ pub fn open_shaped<T: Item>(path: &Path) -> Result<(MappedSlice<T>, Vec<u64>)> {
     Ok((bytes.slice(path, offset, len)?, shape))
 }
 
-/// Writes a whole array from memory, by rename.
+/// Writes a whole array from memory in rows of `row` numbers, by rename.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// [`Error::Io`]; [`Error::Parameter`] if the items do not fill rows.
 pub fn write<T: Item>(path: &Path, items: &[T], row: usize, durable: bool) -> Result<MappedSlice<T>> {
     let mut writer = ArrayWriter::create(path, row)?;
     writer.push(items)?;
@@ -423,6 +428,18 @@ mod tests {
         assert!(!partial_name(&path).exists());
         std::fs::create_dir(&path).unwrap();
         assert!(write(&path, &[1u32], 1, true).is_err() && !partial_name(&path).exists());
+    }
+
+    /// Regression: the shape of a file was rounded down, so that readers left out its last numbers.
+    #[test]
+    fn rows_that_the_items_do_not_fill_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.npy");
+        for row in [2, 4] {
+            let refused = write(&path, &[1u32, 2, 3], row, false);
+            assert!(matches!(refused, Err(Error::Parameter { .. })) && !path.exists(), "{row}");
+        }
+        assert!(!partial_name(&path).exists());
     }
 
     #[test]
