@@ -56,8 +56,8 @@ macro_rules! run_options {
 
             /// Notifies `listener` of stages as they begin, advance and end; it is called from several threads.
             #[must_use]
-            pub fn progress(mut self, listener: std::sync::Arc<impl $crate::base::Progress + Send + 'static>) -> Self {
-                self.options.progress = Some(listener);
+            pub fn progress(mut self, listener: impl $crate::base::Progress + Send + 'static) -> Self {
+                self.options.progress = Some(std::sync::Arc::new(listener));
                 self
             }
 

@@ -5,10 +5,28 @@
 
 use super::parallel::lock;
 use std::collections::BTreeMap;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 /// Receives progress of stages. Every method does nothing by default.
+///
+/// Builders take a listener, or an `Arc` or `Box` of one, also of one chosen at run time:
+///
+/// ```
+/// use nystrom_stream::{Progress, Segmenter, Sequencer};
+/// use std::sync::Arc;
+/// struct Log;
+/// impl Progress for Log {
+///     fn note(&self, text: &str) {
+///         eprintln!("{text}");
+///     }
+/// }
+/// let verbose = true;
+/// let listener: Arc<dyn Progress + Send> = if verbose { Arc::new(Log) } else { Arc::new(()) };
+/// let segmenter = Segmenter::new().progress(listener.clone());
+/// let sequencer = Sequencer::new().progress(listener);
+/// # drop((segmenter, sequencer));
+/// ```
 pub trait Progress: Sync {
     /// A stage of `total` units (`unit`: "faces", "rows", "bytes") begins. `total` 0: unknown.
     fn begin(&self, _stage: &str, _unit: &'static str, _total: u64) {}
@@ -25,6 +43,36 @@ pub trait Progress: Sync {
 }
 
 impl Progress for () {}
+
+/// A pointer to a listener is one, too.
+macro_rules! through {
+    ($pointer:ty $(, $bound:ident)?) => {
+        impl<T: Progress $(+ $bound)? + ?Sized> Progress for $pointer {
+            fn begin(&self, stage: &str, unit: &'static str, total: u64) {
+                (**self).begin(stage, unit, total);
+            }
+
+            fn advance(&self, stage: &str, done: u64) {
+                (**self).advance(stage, done);
+            }
+
+            fn end(&self, stage: &str, seconds: f64) {
+                (**self).end(stage, seconds);
+            }
+
+            fn note(&self, text: &str) {
+                (**self).note(text);
+            }
+
+            fn note_of_work(&self, text: &str) {
+                (**self).note_of_work(text);
+            }
+        }
+    };
+}
+through!(&T);
+through!(Box<T>);
+through!(Arc<T>, Send);
 
 /// What a listener keeps of a run for its report: seconds per stage, and the notes about the mesh and the result.
 #[derive(Debug)]
