@@ -112,7 +112,7 @@ pub(super) struct SurfaceStage<'a> {
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 13;
+    const VERSION: u32 = 14;
     type Facts = SurfaceFacts;
     type Output = PreparedSurface;
 
