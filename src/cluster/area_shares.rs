@@ -16,7 +16,7 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::random::{stratified, stream, unit};
 use crate::graph::components::ComponentTable;
-use crate::graph::{DualGraph, Node, NodeGeometry};
+use crate::graph::{DualGraph, Node, NodeGeometry, NodeView};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, Run};
 use std::ops::Range;
@@ -298,22 +298,34 @@ impl ChunkSums {
         Self { place: vec![NOWHERE; classes], sums: Vec::new() }
     }
 
+    /// The sums of the classes among the nodes of `chunk`, each with its class, in order of appearance: see
+    /// [`surface_sums`].
+    pub fn of_chunk(
+        &mut self,
+        (nodes, shares): (NodeView<'_>, &AreaShares),
+        class: &[u32],
+        chunk: Range<usize>,
+        least: f64,
+    ) -> Vec<(u32, SurfaceSum)> {
+        nodes.each(chunk, |i, node| {
+            if let Some(sum) = self.of(class[i]) {
+                sum.take(node, f64::from(shares.of_node(i, node)), least);
+            }
+        });
+        let sums = std::mem::take(&mut self.sums);
+        sums.iter().for_each(|(class, _)| self.place[*class as usize] = NOWHERE);
+        sums
+    }
+
     /// The sums of `class`; `None` beyond the last class.
     #[inline]
-    pub fn of(&mut self, class: u32) -> Option<&mut SurfaceSum> {
+    fn of(&mut self, class: u32) -> Option<&mut SurfaceSum> {
         let place = self.place.get_mut(class as usize)?;
         if *place == NOWHERE {
             *place = self.sums.len() as u32;
             self.sums.push((class, SurfaceSum::default()));
         }
         Some(&mut self.sums[*place as usize].1)
-    }
-
-    /// The sums of the chunk, each with its class; the next chunk begins.
-    pub fn finish(&mut self) -> Vec<(u32, SurfaceSum)> {
-        let sums = std::mem::take(&mut self.sums);
-        sums.iter().for_each(|(class, _)| self.place[*class as usize] = NOWHERE);
-        sums
     }
 }
 
@@ -334,12 +346,7 @@ pub fn surface_sums(
     let sum = |k: usize, sums: &mut ChunkSums| {
         let chunk = chunk_range(n, CHUNK, k);
         run.will_need(class, chunk.clone());
-        nodes.each(chunk, |i, node| {
-            if let Some(sum) = sums.of(class[i]) {
-                sum.take(node, f64::from(shares.of_node(i, node)), least);
-            }
-        });
-        Ok(sums.finish())
+        Ok(sums.of_chunk((nodes, shares), class, chunk, least))
     };
     let mut total = vec![SurfaceSum::default(); classes];
     run.in_order(

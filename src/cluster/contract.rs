@@ -234,11 +234,7 @@ fn gather(
         csr.will_need(range.clone(), run);
         run.will_need(owner, range.clone());
         run.will_need(field, range.clone());
-        nodes.each(range.clone(), |i, node| {
-            if let Some(sum) = sums.of(owner[i]) {
-                sum.take(node, f64::from(shares.of_node(i, node)), 0.);
-            }
-        });
+        let sums = sums.of_chunk((nodes, shares), owner, range.clone(), 0.);
         pieces.clear();
         for i in range.clone() {
             for (k, (j, _)) in csr.neighbours(i as u32).enumerate() {
@@ -262,7 +258,7 @@ fn gather(
                 chord: along(&nodes.at(from), &nodes.at(to), length),
             }
         });
-        Ok((sums.finish(), boundaries))
+        Ok((sums, boundaries))
     };
     let (mut total, mut parts) = (vec![SurfaceSum::default(); count], Vec::with_capacity(chunk_count(n, CHUNK)));
     let consume = |chunk: usize, (sums, boundaries): (Vec<(u32, SurfaceSum)>, Boundaries)| {

@@ -39,9 +39,14 @@ impl AcrossCorner {
         !self.0.load(Relaxed)
     }
 
+    /// Enters `node` unless there is a node; returns whether it did. Only one thread at a time may.
     #[inline(always)]
-    fn set(&self, node: u32) {
-        self.0.store(!node, Relaxed);
+    fn enter(&self, node: u32) -> bool {
+        let is_free = self.node() == NO_NODE;
+        if is_free {
+            self.0.store(!node, Relaxed);
+        }
+        is_free
     }
 }
 
@@ -251,9 +256,7 @@ impl<'a> HalfEdgePairs<'a> {
         let corners = corners_of(mesh, self.nodes_of(part));
         match &self.kind {
             Kind::Table { across, more, .. } => {
-                let more = lock(more);
-                let place = |corner: usize| more.partition_point(|pair| (pair.corner as usize) < corner);
-                let more = more[place(corners.start)..place(corners.end)].to_vec();
+                let more = at_corners(&lock(more), &corners).to_vec();
                 Ok(PartPairs { first: corners.start, across: Table::Shared(&across[corners]), more })
             }
             Kind::Shuffled { sized, .. } => {
@@ -285,6 +288,12 @@ fn corners_of(mesh: &Mesh, nodes: Range<usize>) -> Range<usize> {
     mesh.faces.corner_range(nodes.start).start..mesh.faces.corner_range(nodes.end - 1).end
 }
 
+/// Those of `pairs`, which ascend, that are at `corners`.
+fn at_corners<'a>(pairs: &'a [HalfEdgePair], corners: &Range<usize>) -> &'a [HalfEdgePair] {
+    let place = |corner: usize| pairs.partition_point(|pair| (pair.corner as usize) < corner);
+    &pairs[place(corners.start)..place(corners.end)]
+}
+
 /// The pairs of consecutive corners: a table with one node per corner, and a list of the others, as in a
 /// [`HalfEdgePairs`] that is a table as a whole.
 #[derive(Debug)]
@@ -313,11 +322,10 @@ impl PartPairs<'_> {
 
     /// The pairs of `corners` of the mesh, all of which are in the part; those in the table first.
     pub fn of(&self, corners: Range<usize>) -> impl Iterator<Item = HalfEdgePair> + '_ {
-        let place = |corner: usize| self.more.partition_point(|pair| (pair.corner as usize) < corner);
-        let more = if self.more.is_empty() { 0..0 } else { place(corners.start)..place(corners.end) };
+        let more = at_corners(&self.more, &corners);
         let nodes = self.across()[corners.start - self.first..corners.end - self.first].iter().map(AcrossCorner::node);
         let pairs = corners.zip(nodes).filter(|(_, node)| *node != NO_NODE);
-        pairs.map(|(corner, node)| HalfEdgePair { corner: corner as u32, node }).chain(self.more[more].iter().copied())
+        pairs.map(|(corner, node)| HalfEdgePair { corner: corner as u32, node }).chain(more.iter().copied())
     }
 
     /// Number of pairs.
@@ -340,10 +348,7 @@ impl OwnTable {
 
     #[inline]
     fn push(&mut self, pair: HalfEdgePair) {
-        let place = &self.across[pair.corner as usize - self.first];
-        if place.node() == NO_NODE {
-            place.set(pair.node);
-        } else {
+        if !self.across[pair.corner as usize - self.first].enter(pair.node) {
             self.more.push(pair);
         }
     }
@@ -362,10 +367,7 @@ impl PairSink<'_> {
         match self {
             Self::Table(across, more) => {
                 // All pairs of an edge come from one thread, so nobody else writes here.
-                let place = &across[pair.corner as usize];
-                if place.node() == NO_NODE {
-                    place.set(pair.node);
-                } else {
+                if !across[pair.corner as usize].enter(pair.node) {
                     lock(more).push(pair);
                 }
                 Ok(())
