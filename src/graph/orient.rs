@@ -8,7 +8,8 @@
 //! negative length: no orientation exists there.
 //!
 //! Time: one sequential pass over nodes, in which computed ones are summed up too; the rest only if something has to be
-//! flipped. Memory: a chunk of nodes; 73 bytes per component in the work directory, in memory where the budget has room.
+//! flipped. Memory: a chunk of nodes; 73 bytes per component in the work directory, in memory where the budget has
+//! room.
 
 use super::components::Components;
 use super::dual_edges::{DualEdges, EDGES};
