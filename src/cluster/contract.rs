@@ -109,7 +109,7 @@ impl Stage for Contraction<'_> {
         let (map, temporary) = (estimate.reserve_array(2 * n), estimate.reserve_array(8 * n));
         estimate.release(temporary);
         // Boundaries of contracted nodes and messages: measured for a million faces.
-        let memory = (15 << 20) + estimate.used() + temporary;
+        let memory = (10 << 20) + estimate.used() + temporary;
         Needs { memory, keeps: 2 * n - map, temporary: 8 * n - temporary, ..Needs::default() }.moving(170 * n, 27 * n)
     }
 }
