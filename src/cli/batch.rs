@@ -10,7 +10,7 @@ use super::input::{Given, meshes};
 use super::options::{AppContext, CliError};
 use super::output::{Output, check_folders, check_names, closing_line, outputs_of};
 use super::progress::{BatchBars, Style, tell};
-use super::provenance::Provenance;
+use super::provenance::{Claim, Provenance};
 use super::segment::{Job, SegmentArgs, Task, one};
 use super::sink::{OpenSink, Sink, check_distinct, check_outside};
 use nystrom_stream::apps::edits::Edits;
@@ -330,18 +330,31 @@ impl Batch<'_> {
         }
     }
 
+    /// The claims on the outputs of `job`; `None` if it is done and need not be done again.
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] if another run is making them, and this one leaves them to it.
+    fn claims(&self, job: &Job, provenance: Option<&Provenance>) -> Result<Option<Vec<Claim>>> {
+        if !self.task.args.resume {
+            return Ok(Some(job.claims().unwrap_or_default()));
+        }
+        if job.is_done(provenance) {
+            return Ok(None);
+        }
+        let claims = job.claims()?;
+        // Another run may have finished it meanwhile.
+        Ok((!job.is_done(provenance)).then_some(claims))
+    }
+
     /// Cuts mesh `k`, unless its outputs exist, or another run is making them.
     fn job(&self, k: usize) {
         let (job, args) = (&self.jobs[k], self.task.args);
         let mine = self.bars.of_mesh(&job.mesh.display().to_string());
         let provenance = job.provenance(&self.options);
-        let is_done = || args.resume && job.is_done(provenance.as_ref());
-        // Looked at again once claimed: another run may have finished it meanwhile.
-        let claims = match if is_done() { None } else { Some(job.claims()) } {
-            Some(Ok(claims)) if !is_done() => claims,
-            Some(Err(_)) if !args.resume => Vec::new(),
-            done_or_claimed => {
-                let elsewhere = matches!(done_or_claimed, Some(Err(_)));
+        let claims = match self.claims(job, provenance.as_ref()) {
+            Ok(Some(claims)) => claims,
+            skipped => {
+                let elsewhere = skipped.is_err();
                 if elsewhere {
                     mine.note_of_work(&format!("{ELSEWHERE}, and it is skipped"));
                 }
@@ -359,7 +372,8 @@ impl Batch<'_> {
         let mark = |provenance| job.outputs.iter().map(move |output| Provenance::mark(provenance, output));
         let marks: Vec<_> = provenance.iter().flat_map(mark).collect();
         // A panic fails only its mesh.
-        let result = catch(|| one(job, self.task, &mine, &run, self.app)).flatten();
+        let work = || job.check(&run.budget).and_then(|()| one(job, self.task, &mine, &run, self.app));
+        let result = catch(work).flatten();
         let seconds = begin.elapsed().as_secs_f64();
         let row = result.as_ref().map_or(String::new(), |report| self.table.row_of(&job.mesh, report, seconds));
         self.bars.end(&mine, &row);

@@ -199,11 +199,10 @@ fn doubts(facts: &LikeFacts) -> String {
     text
 }
 
-/// Segments one mesh and writes its outputs.
+/// Segments one mesh, which was [checked](Job::check), and writes its outputs.
 pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) -> Result<Report> {
     let Task { args, params, edits, names, like } = task;
     let Job { mesh: path, outputs } = job;
-    job.check(&run.budget)?;
     let work = args.scratch.work(args.work_dir.as_deref(), || scratch_folder(outputs), run)?;
     if path.as_os_str() != "-" && !args.no_plan {
         super::plan::check(path, params, Context::new(&work, run))?;

@@ -7,8 +7,8 @@
 //! ± .005 in 1 − Rand); contracting by length only is worse.
 //!
 //! The length of a common boundary is that of its chord, |Σ oriented edges|, so that zigzags do not count; an edge's
-//! direction is perpendicular to the line between its faces. Cost: one front, 8 bytes per face of which 2 are kept, one
-//! pass over the graph.
+//! direction is perpendicular to the line between its faces. Cost: one front, 10 bytes per face of which 2 are kept,
+//! one pass over the graph.
 
 use super::area_shares::{AreaShares, ChunkSums, SurfaceSum, narrow, spread_seeds};
 use crate::base::Result;

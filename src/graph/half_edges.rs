@@ -332,6 +332,7 @@ mod tests {
                     let of_face = |face| taken.of(mesh.faces.corner_range(face)).map(|pair| (pair.corner, pair.node));
                     let mut some: Vec<(u32, u32)> = nodes.flat_map(of_face).collect();
                     assert_eq!(some.len(), taken.len());
+                    assert!(some.is_sorted_by_key(|pair| mesh.faces.face_of_corner(pair.0 as usize)));
                     some.sort_unstable();
                     found.extend(some);
                 }
