@@ -16,7 +16,9 @@ use crate::base::Result;
 use crate::graph::angle::between;
 use crate::graph::{DualGraph, Node};
 use crate::store::Run;
+use crate::store::mapped::Access;
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Meshes with more faces are judged by patches, if the result is clear enough.
@@ -46,11 +48,20 @@ const LOOKS: usize = 512;
 pub fn sampled_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Result<Option<[f64; 2]>> {
     let n = graph.nodes.len();
     let patches = PATCHES.min(n);
+    // The kernel would read megabytes around each of the many small runs of nodes that a walk enters.
+    let paged = run.is_paged(graph.edges.indices.as_ref());
+    let advise = |access| {
+        if paged {
+            lengths(graph).advise(access);
+            graph.nodes.view().advise(access);
+        }
+    };
+    advise(Access::Random);
     // One crowded disc is enough: the others need not be walked.
     let is_crowded = AtomicBool::new(false);
     let sums = run.map_chunks(
         patches,
-        || Patch::new(graph, shares),
+        || Patch::new(graph, shares, paged),
         |k, patch| {
             run.cancel.check()?;
             if is_crowded.load(Ordering::Relaxed) {
@@ -61,7 +72,9 @@ pub fn sampled_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Res
             is_crowded.fetch_or(turning.is_none(), Ordering::Relaxed);
             Ok(turning.unwrap_or_default())
         },
-    )?;
+    );
+    advise(Access::Local);
+    let sums = sums?;
     let total = sums.iter().fold([0.; 2], |total, sum| [total[0] + sum[0], total[1] + sum[1]]);
     Ok((!is_crowded.into_inner()).then(|| total.map(|total| total / patches as f64 * n as f64)))
 }
@@ -95,6 +108,8 @@ pub fn choose_radius(fine: f64, coarse: f64) -> usize {
 struct Patch<'a> {
     graph: &'a DualGraph,
     shares: &'a AreaShares,
+    /// Whether nodes are requested where the walk enters a page of [`Visited`].
+    paged: bool,
     visited: Visited,
     /// The queue of the walk: nodes with their distances.
     walk: VecDeque<(u32, f32)>,
@@ -106,10 +121,11 @@ struct Patch<'a> {
 }
 
 impl<'a> Patch<'a> {
-    fn new(graph: &'a DualGraph, shares: &'a AreaShares) -> Self {
+    fn new(graph: &'a DualGraph, shares: &'a AreaShares, paged: bool) -> Self {
         Self {
             graph,
             shares,
+            paged,
             visited: Visited::new(graph.nodes.len()),
             walk: VecDeque::new(),
             disc: Vec::new(),
@@ -150,7 +166,15 @@ impl<'a> Patch<'a> {
     /// Walks over the faces around `middle`: puts the near ones into `disc`, and all into `cells`. Returns false if the
     /// walk was cut off at [`MOST`] of the mesh.
     fn gather(&mut self, middle: u32) -> bool {
-        let Self { graph, shares, .. } = *self;
+        let Self { graph, shares, paged, .. } = *self;
+        let (lengths, nodes) = (lengths(graph), graph.nodes.view());
+        let enter = |page: Range<usize>| {
+            if paged {
+                let page = page.start..page.end.min(nodes.len());
+                lengths.will_need_rows(page.clone());
+                nodes.will_need(page);
+            }
+        };
         let scale = 1. / shares.unit;
         let (reach, near, width) = (REACH * scale, DISC * scale, BOX * scale);
         let origin = graph.nodes.at(middle as usize).centroid;
@@ -158,10 +182,10 @@ impl<'a> Patch<'a> {
         self.disc.clear();
         self.boxes.clear();
         self.boxes.resize(BOXES.pow(3), SurfaceSum::default());
-        self.visited.insert(middle);
+        self.visited.insert(middle, enter);
         self.walk.push_back((middle, 0.));
         let mut left = ((graph.nodes.len() as f64 * MOST) as usize).max(1);
-        let (mut total, lengths, nodes) = (0f64, lengths(graph), graph.nodes.view());
+        let mut total = 0f64;
         while left > 0
             && let Some((i, distance)) = self.walk.pop_front()
         {
@@ -179,7 +203,7 @@ impl<'a> Patch<'a> {
                 self.disc.push(i);
             }
             for (j, step) in lengths.neighbours(i) {
-                if distance + step <= reach && self.visited.insert(j) {
+                if distance + step <= reach && self.visited.insert(j, enter) {
                     // It will be processed after all nodes already in the queue.
                     nodes.prefetch(j as usize);
                     lengths.prefetch(j);
@@ -207,10 +231,12 @@ impl Visited {
         Self { pages: vec![None; nodes.div_ceil(4096)], made: Vec::new() }
     }
 
-    /// Marks `node`; returns whether it is new.
-    fn insert(&mut self, node: u32) -> bool {
+    /// Marks `node`, and calls `enter` with the nodes of its page if that is new; returns whether the node is new.
+    fn insert(&mut self, node: u32, enter: impl Fn(Range<usize>)) -> bool {
         let page = self.pages[node as usize / 4096].get_or_insert_with(|| {
-            self.made.push(node / 4096);
+            let number = node / 4096;
+            enter(4096 * number as usize..4096 * (number as usize + 1));
+            self.made.push(number);
             Box::new([0; 64])
         });
         let (word, bit) = (&mut page[node as usize / 64 % 64], 1 << (node % 64));
@@ -226,7 +252,8 @@ impl Visited {
 
 #[cfg(test)]
 mod tests {
-    use super::{Visited, is_clearly_clean, is_rough};
+    use super::{Range, Visited, is_clearly_clean, is_rough};
+    use std::cell::RefCell;
 
     /// Regression: half a million faces at one position were smoothed for a minute.
     #[test]
@@ -239,10 +266,13 @@ mod tests {
     fn visits_are_remembered_until_they_are_cleared() {
         let mut visited = Visited::new(10_000);
         for _ in 0..2 {
+            let entered = RefCell::new(Vec::new());
+            let enter = |page: Range<usize>| entered.borrow_mut().push(page);
             for node in [0, 63, 64, 4095, 4096, 9_999] {
-                assert!(visited.insert(node) && !visited.insert(node), "{node}");
+                assert!(visited.insert(node, enter) && !visited.insert(node, enter), "{node}");
             }
             visited.clear();
+            assert_eq!(*entered.borrow(), [0..4096, 4096..8192, 8192..12_288]);
         }
     }
 }

@@ -9,7 +9,7 @@
 //! Memory: the queue, and 12 bytes for each gathered edge and each message.
 
 use super::front::GATHER;
-use super::paging::{SHIFT, rows_needed};
+use super::paging::SHIFT;
 use super::queue::{Entry, Queue};
 use super::ties::Ties;
 use crate::graph::Csr;
@@ -129,7 +129,7 @@ pub(super) fn front<O: Label>(
         if let Some(requested @ false) = has_rows.get_mut(to >> SHIFT) {
             *requested = true;
             let from = to >> SHIFT << SHIFT;
-            rows_needed(graph, first + from..first + (from + (1 << SHIFT)).min(len));
+            graph.will_need_rows(first + from..first + (from + (1 << SHIFT)).min(len));
         }
     };
     let (mut messages, mut shorter) = (Vec::new(), Vec::<Message<O>>::new());

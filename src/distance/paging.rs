@@ -13,7 +13,7 @@
 
 use crate::graph::{Csr, RowStarts};
 use crate::store::Run;
-use crate::store::mapped::{Access, Writeback, advise, will_need};
+use crate::store::mapped::{Access, Writeback};
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Arc;
@@ -53,18 +53,6 @@ impl<F: Fn(&mut [f32])> Pager for Paged<'_, '_, F> {
     }
 }
 
-/// Asks the kernel to read the rows of `nodes`, waiting only for their starts.
-pub(super) fn rows_needed(graph: Csr<'_>, nodes: Range<usize>) {
-    entries_needed(graph, nodes.clone(), graph.starts.entries_of(nodes));
-}
-
-/// The same for `nodes` whose rows are known to be `entries` of `graph`.
-fn entries_needed(graph: Csr<'_>, nodes: Range<usize>, entries: Range<usize>) {
-    graph.starts.will_need(nodes);
-    will_need(&graph.indices[entries.clone()]);
-    will_need(&graph.weights[entries]);
-}
-
 /// First entry of the rows of each block of `1 << shift` nodes, followed by the number of entries.
 pub(super) fn block_starts(starts: RowStarts<'_>, shift: u32) -> Vec<u64> {
     let first = |block: usize| starts.span((block << shift) as u32).start as u64;
@@ -102,16 +90,10 @@ impl Pages {
         if !Self::needed(graph, bytes, run) {
             return work(None);
         }
-        Self::advise(graph, Access::Random);
+        graph.advise(Access::Random);
         let result = work(Some(Self::of(graph)));
-        Self::advise(graph, Access::Local);
+        graph.advise(Access::Local);
         result
-    }
-
-    pub(super) fn advise(graph: Csr<'_>, access: Access) {
-        graph.starts.advise(access);
-        advise(graph.indices, access);
-        advise(graph.weights, access);
     }
 
     /// Sets the file of the next fronts' values.
@@ -137,7 +119,7 @@ impl Pages {
             return None;
         }
         let nodes = self.block(block);
-        entries_needed(graph, nodes.clone(), self.starts[block] as usize..self.starts[block + 1] as usize);
+        graph.will_need_entries(nodes.clone(), self.starts[block] as usize..self.starts[block + 1] as usize);
         self.unsent.push_back(block as u32);
         if self.unsent.len() > WRITEBACK_DELAY {
             self.send();

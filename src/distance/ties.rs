@@ -14,7 +14,6 @@
 //!
 //! Memory: 4 bytes per tie, for a sixty-fourth of the nodes at most. Time: each tie checks its neighbours once.
 
-use super::paging::{Pages, rows_needed};
 use crate::base::{Cancel, Result};
 use crate::graph::Csr;
 use crate::graph::csr::near_ranges;
@@ -86,7 +85,7 @@ impl Ties {
         self.nodes.dedup();
         let access = |access: Access, label: &[u32]| {
             if paged {
-                Pages::advise(graph, access);
+                graph.advise(access);
                 advise(field, access);
                 advise(label, access);
             }
@@ -111,7 +110,7 @@ fn correct_labels(
         cancel.check()?;
         if paged {
             for near in near_ranges(nodes) {
-                rows_needed(graph, near.clone());
+                graph.will_need_rows(near.clone());
                 will_need(&field[near.clone()]);
                 will_need(&label[near]);
             }

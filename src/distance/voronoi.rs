@@ -21,7 +21,7 @@
 
 use super::block_front::{Initial, Label, Message, Outcome, Reach, Scratch, Values, front};
 use super::front::{Front, clear_labels, typical_weight};
-use super::paging::{Pages, rows_needed};
+use super::paging::Pages;
 use super::queue::Queue;
 use super::ties::Ties;
 use crate::base::parallel::{fill_two, lock};
@@ -321,7 +321,7 @@ impl<'a> BlockDijkstra<'a> {
             .map(|k| k * self.block..((k + 1) * self.block).min(self.graph.len()))
             .filter(|nodes| nodes.start < nodes.end)
         {
-            rows_needed(self.graph, nodes);
+            self.graph.will_need_rows(nodes);
         }
     }
 
@@ -340,7 +340,7 @@ impl<'a> BlockDijkstra<'a> {
     /// Turns the kernel's read-ahead off or on again.
     fn advise<O: Label>(&self, access: Access, field: &[f32], label: &[O]) {
         if self.paged {
-            Pages::advise(self.graph, access);
+            self.graph.advise(access);
             advise(field, access);
             if size_of::<O>() > 0 {
                 advise(label, access);

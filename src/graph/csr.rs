@@ -7,7 +7,7 @@
 use super::row_starts::{OwnedRowStarts, RowStarts, StartsForm};
 use crate::base::{Error, Result};
 use crate::store::direct::DirectArray;
-use crate::store::mapped::{AlignedBuffer, prefetch};
+use crate::store::mapped::{Access, AlignedBuffer, advise, prefetch, will_need};
 use crate::store::{MappedSlice, Run, WorkDir};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
@@ -172,6 +172,25 @@ impl<'a> Csr<'a> {
         let entries = self.starts.entries_of(nodes);
         run.will_need(self.indices, entries.clone());
         run.will_need(self.weights, entries);
+    }
+
+    /// Asks the kernel to read the rows of `nodes` soon, waiting only for their starts.
+    pub fn will_need_rows(self, nodes: Range<usize>) {
+        self.will_need_entries(nodes.clone(), self.starts.entries_of(nodes));
+    }
+
+    /// The same for `nodes` whose rows are known to be `entries`.
+    pub fn will_need_entries(self, nodes: Range<usize>, entries: Range<usize>) {
+        self.starts.will_need(nodes);
+        will_need(&self.indices[entries.clone()]);
+        will_need(&self.weights[entries]);
+    }
+
+    /// Advises the kernel how rows are read from now on.
+    pub fn advise(self, access: Access) {
+        self.starts.advise(access);
+        advise(self.indices, access);
+        advise(self.weights, access);
     }
 
     /// Bytes of the arrays.

@@ -10,7 +10,7 @@ use super::nodes::{self, Frame, Node};
 use crate::base::Result;
 use crate::base::vector::distance;
 use crate::mesh::Mesh;
-use crate::store::mapped::prefetch;
+use crate::store::mapped::{Access, advise, prefetch, will_need};
 use crate::store::{MappedSlice, Run};
 use std::ops::Range;
 use std::sync::Arc;
@@ -128,6 +128,22 @@ impl<'a> NodeView<'a> {
     }
 
     /// The area of the node `node`: cheaper than [`Self::at`].
+    /// Advises the kernel how nodes, or the faces that they are computed from, are read from now on.
+    pub fn advise(self, access: Access) {
+        match self.0 {
+            Look::Array(array) => advise(array, access),
+            Look::Mesh(mesh) => mesh.mesh.faces.advise(access),
+        }
+    }
+
+    /// Asks the kernel to read the nodes `range`, or their faces, soon.
+    pub fn will_need(self, range: Range<usize>) {
+        match self.0 {
+            Look::Array(array) => will_need(&array[range]),
+            Look::Mesh(mesh) => mesh.mesh.faces.will_need(range),
+        }
+    }
+
     #[inline]
     pub fn area(self, node: usize) -> f32 {
         match self.0 {

@@ -13,6 +13,7 @@ pub(crate) mod output;
 pub mod ply;
 pub mod polygon;
 pub mod positions;
+mod sampling;
 pub mod seg;
 pub mod size;
 pub mod split_faces;

@@ -64,6 +64,14 @@ impl Positions {
         self.repairs = (!repairs.is_empty()).then(|| repairs.into());
     }
 
+    pub(super) fn layout(&self) -> StridedLayout {
+        self.layout
+    }
+
+    pub(super) fn bytes(&self) -> &MappedBytes {
+        &self.bytes
+    }
+
     /// Number of vertices.
     pub fn len(&self) -> usize {
         self.layout.len

@@ -105,13 +105,16 @@ struct Core {
 impl Core {
     /// Computed from a sample of corners, evenly spread over the faces; `None` where most lie at one point. Unused
     /// vertices do not count, however many there are.
-    fn of(mesh: &Mesh) -> Option<Self> {
-        let step = mesh.faces.len().div_ceil(SAMPLE).max(1);
-        let corner = |face: usize| {
-            mesh.faces.with(face, |corners| corners.get(face % corners.len().max(1)).map(|&v| mesh.positions.get(v)))
-        };
-        let sample = (0..mesh.faces.len()).step_by(step).filter_map(corner);
-        let sample: Vec<[f64; 3]> = sample.filter(|p| finite(*p)).collect();
+    fn of(mesh: &Mesh, run: &Run) -> Option<Self> {
+        let faces = (0..mesh.faces.len()).step_by(mesh.faces.len().div_ceil(SAMPLE).max(1));
+        let corner = |face: usize| mesh.faces.with(face, |all| all.get(face % all.len().max(1)).copied());
+        let sample: Vec<[f64; 3]> = mesh.sampled(run, |request| {
+            if request {
+                faces.clone().for_each(|face| mesh.faces.will_need(face..face + 1));
+                faces.clone().filter_map(corner).for_each(|v| mesh.positions.will_need(v));
+            }
+            faces.filter_map(corner).map(|v| mesh.positions.get(v)).filter(|p| finite(*p)).collect()
+        });
         let bound = |share, axis| quantile(sample.iter().map(|p| p[axis]).collect(), share);
         let [low, high] = CORE.map(|share| [0, 1, 2].map(|axis| bound(share, axis).unwrap_or(0.)));
         let diagonal = distance(low, high);
@@ -140,7 +143,7 @@ fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
 fn find(mesh: &Mesh, run: &Run) -> Result<Repairs> {
     let positions = &mesh.positions;
     let few = MOST.min(positions.len() / RARE);
-    let Some(core) = Core::of(mesh).filter(|_| few > 0) else { return Ok(Vec::new()) };
+    let Some(core) = Core::of(mesh, run).filter(|_| few > 0) else { return Ok(Vec::new()) };
     let [low, high] = core.reach();
     // If there are too many, they are not stored: which ones they are does not matter then.
     let count = AtomicUsize::new(0);

@@ -19,10 +19,11 @@ use crate::store::needs::{BudgetEstimate, Extent, Needs, ShuffleNeeds};
 use crate::store::npy::Item;
 use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets};
 use crate::store::stage::{BuiltStage, Stage};
-use crate::store::{Context, MappedSlice, WorkDir};
+use crate::store::{Context, MappedSlice, Run, WorkDir};
 use face_sort::ORDER;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::ops::Range;
 use vertex_sort::VERTICES;
 
 /// Values per chunk when restoring the file's order.
@@ -201,7 +202,7 @@ impl Ordered {
             return Ok(kept(Locality::default()));
         }
         let frame = Frame::of(mesh, context.run)?;
-        let found = Locality::of(mesh, frame.scale);
+        let found = Locality::of(mesh, frame.scale, context.run);
         let poor = found.far_steps > POOR || (has_rows && n > HUGE && found.stretch > STRETCHED);
         if order == Order::Auto && !poor {
             return Ok(kept(found));
@@ -340,16 +341,27 @@ struct Locality {
 
 impl Locality {
     /// Measures the order of `mesh`, whose box has diagonal `diagonal`. Cost: 65,536 faces read.
-    fn of(mesh: &Mesh, diagonal: f64) -> Self {
+    fn of(mesh: &Mesh, diagonal: f64, run: &Run) -> Self {
         let n = mesh.faces.len();
-        let near = NEAR.max(mesh.positions.len() as u64 / 64);
         let runs = RUNS.min(n.div_ceil(RUN));
+        let start = |k: usize| (k as u128 * n as u128 / runs as u128) as usize;
+        let ranges = (0..runs).map(|k| start(k)..n.min(start(k) + RUN));
+        mesh.sampled(run, |request| {
+            if request {
+                ranges.clone().for_each(|range| mesh.faces.will_need(range));
+            }
+            Self::of_runs(mesh, diagonal, ranges)
+        })
+    }
+
+    /// The same over the faces of `runs`.
+    fn of_runs(mesh: &Mesh, diagonal: f64, runs: impl Iterator<Item = Range<usize>>) -> Self {
+        let near = NEAR.max(mesh.positions.len() as u64 / 64);
         let (mut far, mut steps, mut stretch, mut measured) = (0u64, 0u64, 0f64, 0u64);
-        for k in 0..runs {
-            let start = (k as u128 * n as u128 / runs as u128) as usize;
+        for run in runs {
             let mut last: Option<(u32, [f64; 3])> = None;
             let (mut low, mut high, mut edges) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], (0f64, 0u64));
-            mesh.faces.for_each(start..n.min(start + RUN), |_, corners| {
+            mesh.faces.for_each(run, |_, corners| {
                 let (Some(&first), Some(&other)) = (corners.first(), corners.get(1)) else { return };
                 let (at, end) = (mesh.positions.get(first), mesh.positions.get(other));
                 let square = |a: [f64; 3], b: [f64; 3]| (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>();
