@@ -8,9 +8,9 @@
 use super::csr::INDICES;
 use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES};
 use super::face_rows::{FaceRows, RowScratch, Rows};
+use super::frame::Frame;
 use super::half_edge_pairs::{AcrossCorner, HalfEdgePairs, NO_NODE, OPPOSITE_WINDING};
 use super::node_geometry::NodeGeometry;
-use super::nodes::Frame;
 use super::row_starts::StartsForm;
 use super::row_starts::writer::{PackedPart, RowStartsWriter};
 use crate::base::Result;

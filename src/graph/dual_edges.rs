@@ -9,9 +9,9 @@
 
 use super::csr::{Csr, INDICES};
 use super::face_rows::{FaceRows, Listing, RowScratch, Rows};
+use super::frame::Frame;
 use super::half_edge_pairs::{HalfEdgePairs, PartPairs};
 use super::node_geometry::{ComputedEdges, ListedEdge, MOST_LISTED, NodeGeometry, SharedEdges};
-use super::nodes::Frame;
 use super::row_starts::writer::RowStartsWriter;
 use super::row_starts::{OwnedRowStarts, StartsForm};
 use crate::base::Result;

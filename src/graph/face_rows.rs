@@ -12,9 +12,10 @@
 //! If geometry is computed from the mesh, edges that cannot be computed from their two faces alone are listed
 //! ([`super::node_geometry`]): another 10 ns, since the corners of the three neighbours have to be looked at.
 
+use super::frame::Frame;
 use super::half_edge_pairs::{HalfEdgePair, OPPOSITE_WINDING, PartPairs};
 use super::node_geometry::{ComputedGeometry, ListedEdge, NodeWindow};
-use super::nodes::{Frame, Node};
+use super::nodes::Node;
 use crate::base::simd::SimdKernel;
 use crate::base::vector::{distance, middle, wide};
 use crate::mesh::Mesh;

@@ -6,7 +6,8 @@
 //! copied: [`ComputedGeometry`] computes the same numbers to the bit, with the same functions. A few edges cannot be
 //! computed from two faces alone (welded ones, edges shared twice, some of non-manifold meshes); these are listed.
 
-use super::nodes::{self, Frame, Node};
+use super::frame::Frame;
+use super::nodes::{self, Node};
 use crate::base::Result;
 use crate::base::vector::distance;
 use crate::mesh::Mesh;
@@ -127,7 +128,6 @@ impl<'a> NodeView<'a> {
         }
     }
 
-    /// The area of the node `node`: cheaper than [`Self::at`].
     /// Advises the kernel how nodes, or the faces that they are computed from, are read from now on.
     pub fn advise(self, access: Access) {
         match self.0 {
@@ -144,6 +144,7 @@ impl<'a> NodeView<'a> {
         }
     }
 
+    /// The area of the node `node`: cheaper than [`Self::at`].
     #[inline]
     pub fn area(self, node: usize) -> f32 {
         match self.0 {

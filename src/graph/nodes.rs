@@ -5,15 +5,15 @@
 //! in `f32`: relative to a box of diagonal 1 that is a precision of 6e-8, whatever units and offsets the file has. One
 //! parallel pass, 10–20 ns per face, sequential writes.
 
+use super::frame::Frame;
+use super::node_batch::{BATCH, NodeBatch, TriangleParts};
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::base::vector::{cross, finite, length, minus, narrow};
-use crate::mesh::Mesh;
-use crate::mesh::extent::BoundingBox;
+use crate::mesh::{Faces, Mesh};
 use crate::store::npy::{ArrayMut, Item};
 use crate::store::{MappedSlice, Run};
 use bytemuck::{Pod, Zeroable};
-use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Faces per chunk in passes over nodes.
@@ -35,60 +35,6 @@ pub struct Node {
     pub area: f32,
 }
 
-/// The coordinates of all geometry: the bounding box of the finite vertices that faces use, translated to the origin
-/// and scaled to diagonal 1.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Frame {
-    /// Centre of the box, in units of the file.
-    pub origin: [f64; 3],
-    /// Diagonal of the box, in units of the file; 1 where all vertices coincide.
-    pub scale: f64,
-}
-
-impl Frame {
-    /// The frame of the vertices that faces of `mesh` use.
-    ///
-    /// # Errors
-    /// [`crate::base::Error::Cancelled`].
-    pub fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
-        Ok(Self::around(mesh.extent(run)?))
-    }
-
-    /// The frame of a box; scale 1 at the origin for an empty box.
-    fn around(bounds: BoundingBox) -> Self {
-        if bounds[0][0] > bounds[1][0] {
-            return Self { origin: [0.; 3], scale: 1. };
-        }
-        // Halved first, so that the widest range of doubles does not overflow.
-        let origin = [0, 1, 2].map(|axis| bounds[0][axis] / 2. + bounds[1][axis] / 2.);
-        let half = [0, 1, 2].map(|axis| bounds[1][axis] / 2. - bounds[0][axis] / 2.);
-        let widest = half.into_iter().fold(0., f64::max);
-        let scale =
-            if widest > 0. { 2. * widest * half.map(|h| (h / widest).powi(2)).iter().sum::<f64>().sqrt() } else { 1. };
-        // A diagonal that overflows is clamped to the greatest double; one that underflows counts as none.
-        Self { origin, scale: if scale > 0. { scale.min(f64::MAX) } else { 1. } }
-    }
-
-    /// Whether squares and cubes of lengths in the file's units stay far within the range of doubles.
-    pub fn is_of_common_size(&self) -> bool {
-        (1e-60..1e60).contains(&self.scale)
-    }
-
-    /// Transforms a point of the file to the frame.
-    #[inline(always)]
-    pub fn place(&self, p: [f64; 3]) -> [f64; 3] {
-        let [x, y, z] = self.origin;
-        let moved = [p[0] - x, p[1] - y, p[2] - z];
-        // A product is cheaper than three divisions, but the inverse of the smallest scales is infinite.
-        let inverse = 1. / self.scale;
-        if inverse < f64::INFINITY {
-            [moved[0] * inverse, moved[1] * inverse, moved[2] * inverse]
-        } else {
-            [moved[0] / self.scale, moved[1] / self.scale, moved[2] / self.scale]
-        }
-    }
-}
-
 impl Node {
     /// The node of the face of `mesh` with the given corners; also whether it is degenerate.
     #[inline]
@@ -104,18 +50,11 @@ impl Node {
         }
     }
 
-    /// [`Node::of_corners`] specialised to triangles: most faces are triangles, and this is an inner loop.
+    /// [`Node::of_corners`] specialised to triangles: most faces are triangles.
     #[inline]
     fn of_triangle(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> (Self, bool) {
-        let normal = cross(minus(b, a), minus(c, a));
-        let length = length(normal);
-        let area = (length / 2.) as f32;
-        // A NaN coordinate makes the length NaN.
-        if !(area > 0. && length.is_finite()) {
-            return Self::of_degenerate([a, b, c]);
-        }
-        let sum = [a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]];
-        (Self { centroid: narrow(sum, 1. / 3.), normal: narrow(normal, 1. / length), area }, false)
+        let TriangleParts { centroid, normal, area, is_proper } = TriangleParts::of(a, b, c);
+        if is_proper { (Self { centroid, normal, area }, false) } else { Self::of_degenerate([a, b, c]) }
     }
 
     /// Not inlined, so that the calling loops stay small.
@@ -195,10 +134,33 @@ impl NodeSums {
 /// Calls `visit` with the node of each face of `range`, in order, and whether the face is degenerate.
 #[inline]
 pub fn each_node(mesh: &Mesh, frame: Frame, range: Range<usize>, mut visit: impl FnMut(usize, &Node, bool)) {
-    mesh.faces.for_each(range, |face, corners| {
-        let (node, flat) = Node::of_face(corners, mesh, &frame);
-        visit(face, &node, flat);
-    });
+    let Faces::Triangles { .. } = mesh.faces else {
+        return mesh.faces.for_each(range, |face, corners| {
+            let (node, flat) = Node::of_face(corners, mesh, &frame);
+            visit(face, &node, flat);
+        });
+    };
+    let mut batch = NodeBatch::new();
+    for start in range.clone().step_by(BATCH) {
+        let faces = start..range.end.min(start + BATCH);
+        mesh.faces.for_each(faces.clone(), |face, corners| {
+            if let &[a, b, c] = corners {
+                batch.set(face - start, [mesh.positions.get(a), mesh.positions.get(b), mesh.positions.get(c)]);
+            }
+        });
+        batch.compute(frame);
+        for face in faces {
+            match batch.node(face - start) {
+                TriangleParts { centroid, normal, area, is_proper: true } => {
+                    visit(face, &Node { centroid, normal, area }, false);
+                }
+                _ => mesh.faces.with(face, |corners| {
+                    let (node, flat) = Node::of_face(corners, mesh, &frame);
+                    visit(face, &node, flat);
+                }),
+            }
+        }
+    }
 }
 
 /// Fills `array`, the content of [`FILE`], with the geometry of every face of `mesh`, in the order of the faces.
@@ -253,15 +215,6 @@ mod tests {
     }
 
     #[test]
-    fn points_move_into_the_frame_at_any_scale() {
-        let frame = |scale| Frame { origin: [1., 2., 3.], scale };
-        assert_eq!(frame(4.).place([3., 6., 11.]), [0.5, 1., 2.]);
-        // One over this scale is infinite.
-        let tiny = 5e-324;
-        assert_eq!(Frame { origin: [0.; 3], scale: tiny }.place([tiny, -tiny, 2. * tiny]), [1., -1., 2.]);
-    }
-
-    #[test]
     fn a_triangle_is_the_same_node_both_ways() {
         let corners = [[1., 0., 0.25], [4., 0.5, 0.], [2., 3., -1.]];
         let (node, flat) = Node::of_triangle(corners[0], corners[1], corners[2]);
@@ -272,6 +225,36 @@ mod tests {
             assert!((f64::from(node.centroid[axis]) - middle).abs() < 1e-6);
             assert!((slow.centroid[axis] - node.centroid[axis]).abs() < 1e-6);
             assert!((slow.normal[axis] - node.normal[axis]).abs() < 1e-6);
+        }
+    }
+
+    /// Batches of triangles give the nodes of single faces to the bit, whatever their shape, size and number.
+    #[test]
+    fn many_triangles_at_once_are_the_same_nodes() {
+        use crate::base::random::{stream, unit};
+        let mut random = stream(3, "nodes");
+        let mut coordinate = |scale: f64| scale * (unit(&mut random) - 0.5);
+        for (scale, count) in [(1., 1), (1e-3, 63), (1e9, 64), (1e-300, 65), (1e300, 500)] {
+            let mut points: Vec<[f64; 3]> = (0..count + 2).map(|_| [(); 3].map(|()| coordinate(scale))).collect();
+            let mut corners: Vec<[u32; 3]> = (0..count).map(|k| [k, k + 1, k + 2]).collect();
+            if count > 64 {
+                points[7] = points[8];
+                points[20] = [f64::NAN, 0., f64::INFINITY];
+                points[40] = points[41].map(|x| x * (1. + 1e-15));
+                corners[60] = [5, 5, 6];
+            }
+            let mesh = Mesh::from_slices(&points, &corners).unwrap();
+            let frames = [Frame::of(&mesh, &Run::new(&())).unwrap(), Frame { origin: [0.; 3], scale: 5e-324 }];
+            for frame in frames {
+                let mut next = 0;
+                each_node(&mesh, frame, 0..corners.len(), |face, node, flat| {
+                    let (slow, is_flat) = mesh.faces.with(face, |corners| Node::of_face(corners, &mesh, &frame));
+                    assert_eq!((face, flat), (next, is_flat));
+                    assert_eq!(bytemuck::bytes_of(node), bytemuck::bytes_of(&slow), "{scale} {count} {face}");
+                    next += 1;
+                });
+                assert_eq!(next, corners.len());
+            }
         }
     }
 

@@ -11,7 +11,7 @@ mod face_sort;
 pub mod hilbert;
 mod vertex_sort;
 
-use super::nodes::Frame;
+use super::frame::Frame;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;

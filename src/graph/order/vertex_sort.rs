@@ -8,7 +8,7 @@
 use super::hilbert::place_of;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::graph::nodes::Frame;
+use crate::graph::frame::Frame;
 use crate::mesh::{Positions, StridedLayout};
 use crate::store::npy::{ArrayMut, ArrayWriter, Item};
 use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets, Splitters};
