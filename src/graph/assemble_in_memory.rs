@@ -163,7 +163,7 @@ mod tests {
                 assert!(pairs.table().is_some());
                 let edges = match assemble_in_memory(&mesh, &frame, &nodes, &pairs, context).unwrap() {
                     Some(edges) => edges,
-                    None => assemble(&mesh, &frame, &nodes, &pairs, context).unwrap().unwrap(),
+                    None => assemble(&mesh, &frame, &nodes, &pairs, context).unwrap().unwrap().edges,
                 };
                 let bits = |items: &[f32]| items.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
                 let in_memory = edges.edge.place().is_none();

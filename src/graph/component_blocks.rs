@@ -12,9 +12,12 @@
 use super::Csr;
 use crate::base::Result;
 use crate::base::union_find::{Forest, ParityForest, flatten};
-use crate::store::Run;
+use crate::store::npy::ArrayMut;
+use crate::store::{Run, WorkDir};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
+/// The file of the roots.
+pub(super) const FILE: &str = "components.npy";
 /// Minimum number of nodes per block, and maximum number of blocks.
 const NODES: usize = 1 << 14;
 const BLOCKS: usize = 128;
@@ -66,42 +69,126 @@ pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result
 /// results are incomplete and must not be used.
 fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsize) -> Vec<[u32; 2]> {
     let (mut between, mut room) = (Vec::new(), 0);
-    let (start, count) = (first as u32, roots.len());
-    let mut forest = ParityForest::new(roots);
-    graph.starts.each(first..first + count, |node, span| {
-        let own = node as u32 - start;
-        forest.add(own);
-        if room == FULL {
-            return;
-        }
+    let mut forest = BlockForest::new(first, roots);
+    graph.starts.each(first..first + forest.len(), |node, span| {
+        let mut push = |edge| {
+            if between.len() == room {
+                // The limit applies to all threads together.
+                room = if room < FULL && held.fetch_add(RESERVED_EDGES, Relaxed) < MOST_BETWEEN {
+                    room + RESERVED_EDGES
+                } else {
+                    FULL
+                };
+            }
+            if room < FULL {
+                between.push(edge);
+            }
+        };
+        forest.add(node as u32, &graph.indices[span], &mut push);
+    });
+    forest.finish();
+    between
+}
+
+/// The components within a block of consecutive nodes.
+struct BlockForest<'a> {
+    start: u32,
+    forest: ParityForest<'a>,
+    len: usize,
+}
+
+impl<'a> BlockForest<'a> {
+    /// No nodes yet of the block that starts at `first`; `roots` may be uninitialised.
+    fn new(first: usize, roots: &'a mut [u32]) -> Self {
+        Self { start: first as u32, len: roots.len(), forest: ParityForest::new(roots) }
+    }
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Adds `node`, the next one, whose neighbours ascend in `row`; calls `between` with its edges to earlier blocks.
+    #[inline(always)]
+    fn add(&mut self, node: u32, row: &[u32], mut between: impl FnMut([u32; 2])) {
+        let own = node - self.start;
+        self.forest.add(own);
         let mut mine = (own, 0);
         // Rows ascend, and each edge is handled at its later node.
-        for &near in graph.indices[span].iter().take_while(|near| (**near as usize) < node) {
-            if near >= start {
-                mine = forest.join(mine, near - start, 0);
+        for &near in row.iter().take_while(|near| **near < node) {
+            if near >= self.start {
+                mine = self.forest.join(mine, near - self.start, 0);
             } else {
-                if between.len() == room {
-                    // The limit applies to all threads together.
-                    room = if held.fetch_add(RESERVED_EDGES, Relaxed) < MOST_BETWEEN {
-                        room + RESERVED_EDGES
-                    } else {
-                        FULL
-                    };
-                    if room == FULL {
-                        return;
-                    }
-                }
-                between.push([node as u32, near]);
+                between([node, near]);
             }
         }
-    });
-    // As `flatten`, with numbers global to all blocks.
-    let roots = forest.into_parents();
-    for i in 0..count {
-        let parent = roots[i] as usize;
-        roots[i] = if parent == i { start + i as u32 } else { roots[parent] };
     }
-    between
+
+    /// Makes each root that of the block, in numbers global to all blocks.
+    fn finish(self) {
+        let (start, roots) = (self.start, self.forest.into_parents());
+        // As `flatten`.
+        for i in 0..roots.len() {
+            let parent = roots[i] as usize;
+            roots[i] = if parent == i { start + i as u32 } else { roots[parent] };
+        }
+    }
+}
+
+/// The components within a block of rows that are being assembled.
+pub(super) struct BlockRoots {
+    first: usize,
+    roots: Vec<u32>,
+    /// The edges to earlier blocks.
+    between: Vec<[u32; 2]>,
+}
+
+impl BlockRoots {
+    /// Those of the rows of these `degrees`, which begin with that of the node `first`; their neighbours are `indices`.
+    pub fn of(first: usize, degrees: &[u32], indices: &[u32]) -> Self {
+        let (mut roots, mut between) = (vec![0; degrees.len()], Vec::new());
+        let mut forest = BlockForest::new(first, &mut roots);
+        let mut rest = indices;
+        for (node, degree) in (first as u32..).zip(degrees) {
+            let (row, next) = rest.split_at(*degree as usize);
+            forest.add(node, row, |edge| between.push(edge));
+            rest = next;
+        }
+        forest.finish();
+        Self { first, roots, between }
+    }
+}
+
+/// Joins the components of one block after the other, as their rows are assembled. Time: that of the edges between
+/// blocks. Nothing is held but the roots, an array of the work directory.
+pub(super) struct RootsWriter {
+    /// `None` once windings disagreed.
+    roots: Option<ArrayMut<u32>>,
+}
+
+impl RootsWriter {
+    /// For `nodes` nodes.
+    pub fn create(nodes: usize, work: &WorkDir) -> Result<Self> {
+        Ok(Self { roots: Some(work.array(FILE, &[nodes])?) })
+    }
+
+    /// Adds the next block; `None` if windings disagree there.
+    pub fn push(&mut self, block: Option<BlockRoots>) {
+        let (Some(array), Some(BlockRoots { first, roots, between })) = (&mut self.roots, block) else {
+            self.roots = None;
+            return;
+        };
+        let all = &mut array.data()[..first + roots.len()];
+        all[first..].copy_from_slice(&roots);
+        let mut forest = Forest::of(all);
+        for [a, b] in between {
+            forest.join(a, b);
+        }
+    }
+
+    /// The roots, not flattened yet; `None` if windings disagree anywhere.
+    pub fn finish(self) -> Option<ArrayMut<u32>> {
+        self.roots
+    }
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@
 //! memory where the budget has room: 16 bytes per component, and one search among the first nodes for each run of nodes
 //! of one component. A mesh may have millions (triangles that share no vertex).
 
-use super::component_blocks::find_roots;
+use super::component_blocks::{self, find_roots};
 use super::dual_edges::DualEdges;
 use super::half_edge_pairs::OPPOSITE_WINDING;
 use super::node_geometry::NodeGeometry;
@@ -23,7 +23,7 @@ use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice};
 
 /// The file of the roots.
-pub const FILE: &str = "components.npy";
+pub const FILE: &str = component_blocks::FILE;
 /// Nodes between checks of the stop flag.
 const CHUNK: usize = 1 << 18;
 /// Nodes whose areas are summed at a time.
@@ -155,15 +155,29 @@ impl ComponentTable {
     }
 }
 
-/// Finds the components; writes [`FILE`] (u32, n).
+/// Finds the components; writes [`FILE`] (u32, n). `joined` are the roots, not flattened yet, if they were joined
+/// before.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn find_components(edges: &DualEdges, nodes: &NodeGeometry, context: Context<'_>) -> Result<Components> {
-    let n = nodes.len();
-    let mut array: ArrayMut<u32> = context.work.array(FILE, &[n])?;
-    let side_by_side = !edges.mixed && find_roots(edges.by_distance(), array.data(), context.run)?;
-    let mixed = !side_by_side && node_by_node(edges, array.data(), &context.run.cancel)?;
+pub(super) fn find_components(
+    edges: &DualEdges,
+    nodes: &NodeGeometry,
+    joined: Option<ArrayMut<u32>>,
+    context: Context<'_>,
+) -> Result<Components> {
+    let (array, mixed) = match joined {
+        Some(mut array) => {
+            flatten(array.data(), &context.run.cancel)?;
+            (array, false)
+        }
+        None => {
+            let mut array: ArrayMut<u32> = context.work.array(FILE, &[nodes.len()])?;
+            let side_by_side = !edges.mixed && find_roots(edges.by_distance(), array.data(), context.run)?;
+            let mixed = !side_by_side && node_by_node(edges, array.data(), &context.run.cancel)?;
+            (array, mixed)
+        }
+    };
     let root = array.finish(false)?;
     let table = ComponentTable::of(&root, nodes, context)?;
     Ok(Components { root, mixed, table })

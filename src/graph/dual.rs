@@ -9,7 +9,7 @@ use super::assemble_in_memory::assemble_in_memory;
 use super::bridges::{self, find_bridges};
 use super::components::{self, find_components};
 use super::csr::{INDICES, WEIGHTS, WEIGHTS_STAGE, WeightedGraph};
-use super::dual_edges::{CENTROID_DISTANCES, DualEdges, EDGES, assemble};
+use super::dual_edges::{Assembled, CENTROID_DISTANCES, DualEdges, EDGES, assemble};
 use super::frame::Frame;
 use super::half_edge_pairs::{OPPOSITE_WINDING, WithinNeeds};
 use super::node_blocks::NodeBlocks;
@@ -188,15 +188,18 @@ impl DualGraph {
         let (blocks, geometry) = run_concurrently(context.run.threads, || NodeBlocks::of(mesh, context), geometry)?;
         let (frame, nodes, sums) = geometry?;
         let (pairs, counts) = half_edges::matched(mesh, path, blocks?, context)?;
-        let edges = match assemble_in_memory(mesh, &frame, &nodes, &pairs, context)? {
+        let assembled = match assemble_in_memory(mesh, &frame, &nodes, &pairs, context)? {
             None => assemble(mesh, &frame, &nodes, &pairs, context)?,
-            edges => edges,
+            Some(edges) => Some(Assembled { edges, whole: None, roots: None }),
         };
         drop(pairs);
         // Too many edges cannot be computed from two faces alone: store all edges instead.
-        let Some(edges) = edges else { return Self::make(&GraphStage { computed: false, ..*stage }, context, key) };
-        let components = find_components(&edges, &nodes, context)?;
-        let Oriented { mut edges, nodes, facts: orientation, sums } = orient(edges, nodes, sums, &components, context)?;
+        let Some(Assembled { edges, whole, roots }) = assembled else {
+            return Self::make(&GraphStage { computed: false, ..*stage }, context, key);
+        };
+        let components = find_components(&edges, &nodes, roots, context)?;
+        let Oriented { mut edges, nodes, facts: orientation, sums } =
+            orient(edges, nodes, sums, whole, &components, context)?;
         let bridges = find_bridges(&components, &nodes, 0., context)?;
         if let Some(bridges) = &bridges {
             edges = bridges::insert(&edges, bridges.items(), context)?;
@@ -327,7 +330,7 @@ impl Stage for GraphStage<'_> {
     }
 
     /// Three phases: half-edges and their pairs beside the nodes, matched by blocks, as in a good order; then pairs
-    /// beside all that is kept; then the components' roots.
+    /// beside all that is kept; then the components' roots, if they were not joined before.
     fn needs(extent: &Extent, estimate: &mut BudgetEstimate) -> Needs {
         let Extent { faces: n, vertices, corners, threads: t, computed, .. } = *extent;
         // Geometry, and per corner a neighbour and two lengths; or only a neighbour and one length.
@@ -356,18 +359,21 @@ impl Stage for GraphStage<'_> {
             estimate.reserve_named(CENTROID_DISTANCES, 4 * corners),
             estimate.reserve_array(4 * corners),
         ];
-        if !computed && kept == 0 && !arrays.contains(&0) {
+        let in_memory = !computed && kept == 0 && !arrays.contains(&0);
+        if in_memory {
             edges += arrays.iter().sum::<u64>();
         } else {
             *estimate = before;
             edges += estimate.reserve_array(4 * corners);
         }
+        // Components are joined while rows are assembled, or else afterwards.
+        let joined = if in_memory { 0 } else { estimate.reserve_array(4 * n) };
         estimate.release(granted + kept);
-        let roots = estimate.reserve_array(4 * n);
+        let roots = if in_memory { estimate.reserve_array(4 * n) } else { joined };
         estimate.release(roots);
         let keeps = geometry + n / 2 + corner * corners - nodes - edges;
         Needs {
-            memory: nodes + (marks + matching + half_edges.held + pairs).max(pairs + edges).max(edges + roots),
+            memory: nodes + (marks + matching + half_edges.held + pairs).max(pairs + edges + joined).max(edges + roots),
             keeps,
             temporary: (geometry - nodes + 2 * vertices - marks).saturating_sub(keeps).max(4 * n - roots),
             frees: if extent.reordered && !extent.lasting && !computed { 12 * vertices + 4 * corners } else { 0 },

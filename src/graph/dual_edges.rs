@@ -7,17 +7,20 @@
 //! sequentially; the last 12 are omitted if geometry is computed ([`super::node_geometry`]). If everything fits in
 //! memory, workers write the rows in place instead (`assemble_in_memory.rs`).
 
+use super::component_blocks::{BlockRoots, RootsWriter};
 use super::csr::{Csr, INDICES};
-use super::face_rows::{FaceRows, Listing, RowScratch, Rows};
+use super::face_rows::{FaceRows, Filled, Listing, RowScratch, Rows};
 use super::frame::Frame;
 use super::half_edge_pairs::{HalfEdgePairs, PartPairs};
 use super::node_geometry::{ComputedEdges, ListedEdge, MOST_LISTED, NodeGeometry, SharedEdges};
+use super::nodes;
+use super::orientation_sums::WholeSums;
 use super::row_starts::writer::RowStartsWriter;
 use super::row_starts::{OwnedRowStarts, StartsForm};
 use crate::base::Result;
 use crate::base::simd::dispatch;
 use crate::mesh::Mesh;
-use crate::store::npy::ArrayWriter;
+use crate::store::npy::{ArrayMut, ArrayWriter};
 use crate::store::{Context, MappedSlice, WorkDir};
 use std::ops::Range;
 use std::sync::Arc;
@@ -157,23 +160,35 @@ impl EdgesWriter {
     }
 }
 
-/// Assembles the rows and writes row starts, `graph_indices`, `graph_centroid_distances`, `graph_shared_edge_lengths`.
+/// The assembled edges, and what was learned on the way.
+pub(super) struct Assembled {
+    pub edges: DualEdges,
+    /// The sums of the nodes, if these are computed from the mesh and parts consist of whole chunks.
+    pub whole: Option<WholeSums>,
+    /// The roots of the components, before they are flattened, unless windings disagree.
+    pub roots: Option<ArrayMut<u32>>,
+}
+
+/// Assembles the rows and writes row starts, `graph_indices`, `graph_centroid_distances`, `graph_shared_edge_lengths`;
+/// joins components and sums up nodes while they are in the cache.
 ///
 /// If `nodes` are computed from the mesh, so are the lengths of shared edges, except for those in a list; `None` if
 /// that list would be too long.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn assemble(
+pub(super) fn assemble(
     mesh: &Mesh,
     frame: &Frame,
     nodes: &NodeGeometry,
     pairs: &HalfEdgePairs<'_>,
     context: Context<'_>,
-) -> Result<Option<DualEdges>> {
+) -> Result<Option<Assembled>> {
     let kept = !nodes.is_computed();
     let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), StartsForm::Packed, kept, context.work)?;
     let mut listed: Vec<ListedEdge> = Vec::new();
+    let mut roots = RootsWriter::create(nodes.len(), context.work)?;
+    let mut whole = Some(WholeSums::default());
     context.run.in_order(
         pairs.parts(),
         || (),
@@ -182,6 +197,8 @@ pub fn assemble(
             context.run.progress.advance("graph", part.degrees.len() as u64);
             let room = MOST_LISTED.saturating_sub(listed.len());
             listed.extend(part.listed.iter().take(room + 1));
+            whole = whole.zip(part.whole).map(|(whole, chunks)| chunks.iter().fold(whole, WholeSums::and));
+            roots.push(part.roots);
             writer.push(&part.degrees, &part.indices, &part.centroid_distance, &part.edges)
         },
     )?;
@@ -190,7 +207,8 @@ pub fn assemble(
     }
     let listed: Arc<[ListedEdge]> = listed.into();
     let computed = nodes.mesh().map(|mesh| Arc::new(ComputedEdges { mesh: mesh.clone(), listed }));
-    Ok(Some(DualEdges { computed, ..writer.finish()? }))
+    let edges = DualEdges { computed, ..writer.finish()? };
+    Ok(Some(Assembled { edges, whole, roots: roots.finish() }))
 }
 
 /// The rows of a range of nodes.
@@ -201,6 +219,10 @@ struct NodeRange {
     edges: Vec<f32>,
     /// Edges whose length must be listed, as computing gives another one.
     listed: Vec<ListedEdge>,
+    /// The sums of each chunk of nodes; `None` if they are stored or the range does not start with a chunk.
+    whole: Option<Vec<WholeSums>>,
+    /// `None` if windings disagree.
+    roots: Option<BlockRoots>,
 }
 
 /// Assembles the rows of the nodes of `range`, which have these `pairs`.
@@ -212,28 +234,32 @@ fn assemble_part(
     pairs: &PartPairs<'_>,
 ) -> NodeRange {
     let most = pairs.len();
-    let mut part = NodeRange {
-        degrees: vec![0; range.len()],
-        indices: vec![0; most],
-        centroid_distance: vec![0.; most],
-        edges: vec![0.; most],
-        listed: Vec::new(),
+    let mut degrees = vec![0; range.len()];
+    let (mut indices, mut centroid_distance, mut edges) = (vec![0; most], vec![0.; most], vec![0.; most]);
+    let (mut listed, mut held, mut scratch) = (Vec::new(), Vec::new(), RowScratch::default());
+    let whole = nodes
+        .mesh()
+        .filter(|_| range.start.is_multiple_of(nodes::CHUNK))
+        .map(|mesh| WholeSums::of_chunks(mesh, range.clone(), &mut held));
+    let window = match whole {
+        Some(_) => nodes.view().window_of(range.start, &held),
+        None => nodes.window(range.clone(), &mut held),
     };
-    let (mut held, mut scratch) = (Vec::new(), RowScratch::default());
     let rows = FaceRows {
         mesh,
         frame,
-        nodes: nodes.window(range.clone(), &mut held),
+        nodes: window,
         pairs,
-        range,
-        out: Rows { indices: &mut part.indices, centroid_distance: &mut part.centroid_distance, edge: &mut part.edges },
-        degrees: &mut part.degrees,
-        listing: nodes.mesh().map(|mesh| Listing { mesh, listed: &mut part.listed }),
+        range: range.clone(),
+        out: Rows { indices: &mut indices, centroid_distance: &mut centroid_distance, edge: &mut edges },
+        degrees: &mut degrees,
+        listing: nodes.mesh().map(|mesh| Listing { mesh, listed: &mut listed }),
         scratch: &mut scratch,
     };
-    let entries = dispatch(rows).entries;
-    part.indices.truncate(entries);
-    part.centroid_distance.truncate(entries);
-    part.edges.truncate(entries);
-    part
+    let Filled { entries, mixed } = dispatch(rows);
+    indices.truncate(entries);
+    centroid_distance.truncate(entries);
+    edges.truncate(entries);
+    let roots = (!mixed).then(|| BlockRoots::of(range.start, &degrees, &indices));
+    NodeRange { degrees, indices, centroid_distance, edges, listed, whole, roots }
 }

@@ -26,6 +26,7 @@ pub mod node_geometry;
 pub mod nodes;
 pub mod order;
 pub mod orient;
+mod orientation_sums;
 mod ranked_tree;
 pub mod row_starts;
 pub mod vertex_adjacency;

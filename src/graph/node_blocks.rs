@@ -9,6 +9,7 @@
 //! Cost: one pass over the faces on one thread, about 5 ns per face, in parallel with the pass that computes node
 //! geometry.
 
+use super::nodes::CHUNK;
 use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::{Context, MappedSlice, WorkDir};
@@ -58,7 +59,12 @@ impl<'a> NodeBlocks<'a> {
         let Context { work, run } = context;
         let (nodes, all) = (mesh.faces.len(), mesh.faces.corner_count() as u64);
         let corners = corners_a_block(all, run.threads as u64, run.budget.left() / 4);
-        let size = ((corners as u128 * nodes as u128 / u128::from(all.max(1))) as usize).max(1);
+        let mut size = ((corners as u128 * nodes as u128 / u128::from(all.max(1))) as usize).max(1);
+        // Whole chunks of nodes, unless that makes too many blocks.
+        let whole = size / CHUNK * CHUNK;
+        if whole > 0 && nodes.div_ceil(whole) < usize::from(SEVERAL) {
+            size = whole;
+        }
         let mut blocks = Self { nodes, size, corners: corners as usize, block_of: None, shared: 0, work };
         if blocks.len() >= usize::from(SEVERAL) {
             return Ok(None);

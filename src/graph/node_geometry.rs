@@ -162,6 +162,11 @@ impl<'a> NodeView<'a> {
         }
     }
 
+    /// A window on nodes from `first` on that were computed before.
+    pub(super) fn window_of(self, first: usize, items: &'a [Node]) -> NodeWindow<'a> {
+        NodeWindow { nodes: self, first, items }
+    }
+
     /// A window on the nodes of `range`; if they are computed, `held` stores them: 28 bytes each.
     pub fn window(self, range: Range<usize>, held: &'a mut Vec<Node>) -> NodeWindow<'a> {
         match self.0 {
@@ -170,7 +175,7 @@ impl<'a> NodeView<'a> {
                 let first = range.start;
                 held.clear();
                 mesh.each_node(range, |_, node| held.push(*node));
-                NodeWindow { nodes: self, first, items: held }
+                self.window_of(first, held)
             }
         }
     }

@@ -16,19 +16,15 @@ use super::dual_edges::{DualEdges, EDGES};
 use super::half_edge_pairs::OPPOSITE_WINDING;
 use super::node_geometry::{ComputedEdges, ComputedGeometry, NodeGeometry};
 use super::nodes::{self, Node, NodeSums};
+use super::orientation_sums::{OrientationSums, WholeSums};
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::vector::length;
 use crate::base::{Error, Result};
 use crate::store::npy::{ArrayMut, Item};
 use crate::store::{Context, MappedSlice};
-use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
 
-/// Minimum volume of a component that counts as enclosing one, relative to a sphere of equal area.
-const ENCLOSES: f64 = 0.02;
-/// Maximum length of the summed area vectors, relative to the area, for such a component: 0 for closed surfaces, .2 for
-/// a cube without a lid, .3 to .5 for scans of rooms and bowls, which are seen from within.
-const OPEN: f64 = 0.25;
+/// The file of the sums of the components.
+const SUMS: &str = "component_sums.tmp";
 
 /// Counts from orienting.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,57 +33,6 @@ pub struct OrientationFacts {
     pub flipped: u64,
     /// Directed entries whose faces still have contradicting winding.
     pub unsatisfied: u64,
-}
-
-/// Sums over a component.
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-#[repr(C)]
-struct Sums {
-    /// Area of the faces wound like the first face, and of the others.
-    area: [f64; 2],
-    /// Σ a n over the faces, oriented like the first face.
-    vector: [f64; 3],
-    /// Σ a c·n and Σ a c, for the volume relative to the centroid.
-    flux: f64,
-    moment: [f64; 3],
-}
-
-impl Item for Sums {
-    const DESCR: &'static str = "<f8";
-    const WIDTH: usize = 9;
-}
-
-impl Sums {
-    #[inline(always)]
-    fn add(&mut self, node: &Node, opposite_winding: bool) {
-        let sign = if opposite_winding { -1. } else { 1. };
-        let area = f64::from(node.area);
-        // No indexing by `opposite_winding`: it would force the sums into memory and make each addition wait for the
-        // previous store.
-        self.area[0] += if opposite_winding { 0. } else { area };
-        self.area[1] += if opposite_winding { area } else { 0. };
-        for axis in 0..3 {
-            let (c, n) = (f64::from(node.centroid[axis]), sign * f64::from(node.normal[axis]));
-            self.vector[axis] += area * n;
-            self.flux += area * c * n;
-            self.moment[axis] += area * c;
-        }
-    }
-
-    /// Whether to flip the faces wound like the first one; otherwise the others are flipped.
-    fn flips_first(&self) -> bool {
-        let area = self.area[0] + self.area[1];
-        let majority = self.area[1] > self.area[0];
-        if area <= 0. {
-            return majority;
-        }
-        let volume = (self.flux - (0..3).map(|axis| self.vector[axis] * self.moment[axis] / area).sum::<f64>()) / 3.;
-        // A sphere of this area has the volume A^1.5 / (6 √π).
-        let sphere = area * area.sqrt() / (6. * std::f64::consts::PI.sqrt());
-        let inward = volume < 0.;
-        let is_open = length(self.vector) > OPEN * area;
-        if volume.abs() > ENCLOSES * sphere && !is_open { inward } else { majority }
-    }
 }
 
 /// What [`orient`] returns: the edges and nodes to use from now on, and what was learned from the pass over them.
@@ -99,7 +44,8 @@ pub(super) struct Oriented {
 }
 
 /// Flips normals to make winding consistent and outward. `sums` are those of the nodes, if they are known; otherwise
-/// they are computed in the same pass.
+/// they are computed in the same pass. `whole` are those of all nodes as one component, if they are known: then a mesh
+/// that is one needs no pass.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -107,10 +53,18 @@ pub(super) fn orient(
     edges: DualEdges,
     nodes: NodeGeometry,
     sums: Option<NodeSums>,
+    whole: Option<WholeSums>,
     components: &Components,
     context: Context<'_>,
 ) -> Result<Oriented> {
-    let (of_components, of_computed) = component_sums(&nodes, components, context)?;
+    let (of_components, of_computed) = match whole {
+        Some(whole) if components.count() == 1 && !components.mixed => {
+            let mut sums = context.work.array(SUMS, &[1, OrientationSums::WIDTH])?;
+            sums.data()[0] = whole.orientation;
+            (sums, whole.nodes)
+        }
+        _ => component_sums(&nodes, components, context)?,
+    };
     let (edges, nodes, facts) = flip(edges, nodes, of_components, components, context)?;
     Ok(Oriented { edges, nodes, facts, sums: sums.unwrap_or(of_computed) })
 }
@@ -119,7 +73,7 @@ pub(super) fn orient(
 fn flip(
     edges: DualEdges,
     nodes: NodeGeometry,
-    sums: ArrayMut<Sums>,
+    sums: ArrayMut<OrientationSums>,
     components: &Components,
     context: Context<'_>,
 ) -> Result<(DualEdges, NodeGeometry, OrientationFacts)> {
@@ -152,45 +106,49 @@ fn component_sums(
     nodes: &NodeGeometry,
     components: &Components,
     context: Context<'_>,
-) -> Result<(ArrayMut<Sums>, NodeSums)> {
-    let (root, run) = (&components.root[..], context.run);
-    let mut sums: ArrayMut<Sums> = context.work.array("component_sums.tmp", &[components.count(), Sums::WIDTH])?;
+) -> Result<(ArrayMut<OrientationSums>, NodeSums)> {
+    let root = &components.root[..];
+    let mut sums: ArrayMut<OrientationSums> =
+        context.work.array(SUMS, &[components.count(), OrientationSums::WIDTH])?;
     let of_components = sums.data();
-    let (mut number, mut all) = (0, NodeSums::default());
-    let mut add = |links: &[u32], some: &[Node]| {
-        let mut done = 0;
-        for links in links.chunk_by(|a, b| a & !OPPOSITE_WINDING == b & !OPPOSITE_WINDING) {
-            number = components.number(links[0], number);
-            // A local copy, which stays in registers.
-            let mut sums = of_components[number];
-            for (link, node) in links.iter().zip(&some[done..]) {
-                sums.add(node, link & OPPOSITE_WINDING != 0);
+    let compute = |k: usize, held: &mut Vec<Node>| {
+        let chunk = chunk_range(nodes.len(), nodes::CHUNK, k);
+        let (some, of_all) = match nodes.mesh() {
+            Some(mesh) => {
+                held.clear();
+                let sums = nodes::each_and_sums(&mesh.mesh, mesh.frame, chunk.clone(), |_, node| held.push(*node));
+                (&held[..], sums)
             }
-            of_components[number] = sums;
-            done += links.len();
-        }
+            None => (&nodes.array()[chunk.clone()], NodeSums::default()),
+        };
+        Ok((sums_of_runs(&root[chunk], some), of_all))
     };
-    let chunk = |k: usize| chunk_range(nodes.len(), nodes::CHUNK, k);
-    let chunks = chunk_count(nodes.len(), nodes::CHUNK);
-    if let Some(mesh) = nodes.mesh() {
-        let compute = |k: usize, (): &mut ()| {
-            let mut held = Vec::with_capacity(chunk(k).len());
-            let sums = nodes::each_and_sums(&mesh.mesh, mesh.frame, chunk(k), |_, node| held.push(*node));
-            Ok((held, sums))
-        };
-        let each = |k: usize, (held, sums): (Vec<Node>, NodeSums)| {
-            add(&root[chunk(k)], &held);
-            all = all.and(sums);
-            Ok(())
-        };
-        run.in_order(chunks, || (), compute, each)?;
-    } else {
-        for k in 0..chunks {
-            run.cancel.check()?;
-            add(&root[chunk(k)], &nodes.array()[chunk(k)]);
+    let (mut number, mut all) = (0, NodeSums::default());
+    let add = |_: usize, (runs, of_all): (Vec<(u32, OrientationSums)>, NodeSums)| {
+        for (root, run) in runs {
+            number = components.number(root, number);
+            of_components[number] = of_components[number].and(&run);
         }
-    }
+        all = all.and(of_all);
+        Ok(())
+    };
+    context.run.in_order(chunk_count(nodes.len(), nodes::CHUNK), Vec::new, compute, add)?;
     Ok((sums, all))
+}
+
+/// The sums of each run of `nodes` in one component, and its root; `links` are [`Components::root`] of these nodes.
+fn sums_of_runs(links: &[u32], nodes: &[Node]) -> Vec<(u32, OrientationSums)> {
+    let (mut runs, mut done) = (Vec::new(), 0);
+    for links in links.chunk_by(|a, b| a & !OPPOSITE_WINDING == b & !OPPOSITE_WINDING) {
+        // A local variable, which stays in registers.
+        let mut sums = OrientationSums::default();
+        for (link, node) in links.iter().zip(&nodes[done..]) {
+            sums.add(node, link & OPPOSITE_WINDING != 0);
+        }
+        runs.push((links[0] & !OPPOSITE_WINDING, sums));
+        done += links.len();
+    }
+    runs
 }
 
 /// The nodes, with normals flipped where `is_flipped` holds; also how many were flipped.
@@ -285,68 +243,4 @@ fn flip_computed(
     })?;
     let facts = OrientationFacts { flipped: counts.into_iter().sum(), unsatisfied: unsatisfied.into_iter().sum() };
     Ok((edges, nodes, facts))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A unit cube without its top, far from the origin.
-    fn cup() -> [Node; 5] {
-        [[1., 0., 0.], [-1., 0., 0.], [0., 1., 0.], [0., -1., 0.], [0., 0., -1.]].map(|normal: [f32; 3]| {
-            let centroid = std::array::from_fn(|axis| [3., -2., 5.][axis] + 0.5 * normal[axis]);
-            Node { centroid, normal, area: 1. }
-        })
-    }
-
-    fn flipped(node: &Node) -> Node {
-        Node { normal: node.normal.map(|x| -x), ..*node }
-    }
-
-    /// Whether the first of these faces is flipped, each with whether it is wound against the first.
-    fn flips_first(faces: impl IntoIterator<Item = (Node, bool)>) -> bool {
-        let mut sums = Sums::default();
-        faces.into_iter().for_each(|(node, opposite_winding)| sums.add(&node, opposite_winding));
-        sums.flips_first()
-    }
-
-    #[test]
-    fn what_encloses_a_volume_is_wound_outward_wherever_it_lies() {
-        assert!(!flips_first(cup().map(|node| (node, false))));
-        assert!(flips_first(cup().map(|node| (flipped(&node), false))));
-        // One face against the others, whose majority does not matter.
-        for odd in 1..5 {
-            let mut k = 0..5;
-            let face = |node| if k.next() == Some(odd) { (flipped(&node), true) } else { (node, false) };
-            assert!(!flips_first(cup().map(face)));
-        }
-        let mut k = 0..5;
-        let most_against = |node| if k.next() == Some(0) { (node, false) } else { (flipped(&node), true) };
-        assert!(!flips_first(cup().map(most_against)));
-    }
-
-    /// Regression: a room was turned inside out, so its walls were cut where they are convex, and furniture was joined
-    /// to them.
-    #[test]
-    fn what_is_wide_open_keeps_the_direction_of_its_file() {
-        // Floor and three walls, seen from within.
-        let room: Vec<(Node, bool)> = cup()[1..].iter().map(|node| (flipped(node), false)).collect();
-        assert!(!flips_first(room.clone()));
-        // One wall against the others.
-        let mut k = 0..4;
-        assert!(!flips_first(room.into_iter().map(|(node, _)| if k.next() == Some(2) {
-            (flipped(&node), true)
-        } else {
-            (node, false)
-        })));
-    }
-
-    #[test]
-    fn what_encloses_nothing_is_wound_as_most_of_its_area_is() {
-        let face = |area| Node { centroid: [1., 2., 3.], normal: [0., 0., 1.], area };
-        assert!(flips_first([(face(1.), false), (flipped(&face(2.)), true)]));
-        assert!(!flips_first([(face(2.), false), (flipped(&face(1.)), true)]));
-        assert!(!flips_first([(face(1.), false), (flipped(&face(1.)), true)]));
-        assert!(!flips_first([(face(0.), false), (face(0.), true)]));
-    }
 }

@@ -282,7 +282,7 @@ impl VertexGraphWriter {
                 edges = bridges::insert(&edges, &joins, context)?;
             }
         }
-        let components = find_components(&edges, &geometry, context)?;
+        let components = find_components(&edges, &geometry, None, context)?;
         facts.components = components.count() as u64;
         let bridges = find_bridges(&components, &geometry, LEAST, context)?;
         drop(components);
