@@ -194,6 +194,7 @@ impl RootsWriter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Cancel;
     use crate::base::random::{below, stream};
     use crate::base::union_find::Forest;
     use crate::graph::OwnedRowStarts;
@@ -226,7 +227,23 @@ mod tests {
                 assert!(find_roots(Csr::new(starts.view(), &indices, &[]), &mut roots, &run).unwrap());
                 assert!(roots == expected, "{n} {reach} {far}");
             }
+            // The same, joined block by block.
+            let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
+            let mut writer = RootsWriter::create(n, &work).unwrap();
+            for first in (0..n).step_by(7_000) {
+                let nodes = first..n.min(first + 7_000);
+                let degrees: Vec<u32> = nodes.clone().map(|i| starts.view().span(i as u32).len() as u32).collect();
+                let entries = starts.view().entries_of(nodes);
+                writer.push(Some(BlockRoots::of(first, &degrees, &indices[entries])));
+            }
+            let mut roots = writer.finish().unwrap();
+            flatten(roots.data(), &Cancel::default()).unwrap();
+            assert!(roots.items() == expected, "{n} {reach} {far}");
         }
+        let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
+        let mut writer = RootsWriter::create(2, &work).unwrap();
+        [None, Some(BlockRoots::of(1, &[0], &[]))].into_iter().for_each(|block| writer.push(block));
+        assert!(writer.finish().is_none(), "windings disagreed in the first block");
         let run = Run { budget: Budget::new(1 << 20), ..Run::new(&()) };
         assert!(!find_roots(Csr::new(OwnedRowStarts::of([0]).view(), &[], &[]), &mut [0], &run).unwrap());
     }

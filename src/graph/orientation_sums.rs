@@ -113,6 +113,9 @@ impl WholeSums {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::graph::Frame;
+    use crate::mesh::Mesh;
+    use crate::store::{MappedSlice, Run};
 
     /// A unit cube without its top, far from the origin.
     fn cup() -> [Node; 5] {
@@ -171,5 +174,30 @@ mod tests {
         assert!(!flips_first([(face(2.), false), (flipped(&face(1.)), true)]));
         assert!(!flips_first([(face(1.), false), (flipped(&face(1.)), true)]));
         assert!(!flips_first([(face(0.), false), (face(0.), true)]));
+    }
+
+    /// Sums do not depend on which chunks are computed together.
+    #[test]
+    fn chunks_add_up_to_the_whole() {
+        let points: Vec<[f64; 3]> =
+            (0..40_000).map(|v| [f64::from(v / 200), f64::from(v % 200), f64::from(v * 37 % 11)]).collect();
+        let corners: Vec<[u32; 3]> =
+            (0..39_800).filter(|v| v % 200 < 199).flat_map(|v| [[v, v + 1, v + 201], [v, v + 201, v + 200]]).collect();
+        let mesh = Mesh::from_slices(&points, &corners).unwrap();
+        let frame = Frame::of(&mesh, &Run::new(&())).unwrap();
+        let mesh = ComputedGeometry { mesh, frame, flipped: MappedSlice::empty() };
+        let sums = |size: usize| {
+            let (mut whole, mut held, mut nodes) = (WholeSums::default(), Vec::new(), Vec::new());
+            for start in (0..corners.len()).step_by(size) {
+                let range = start..corners.len().min(start + size);
+                let chunks = WholeSums::of_chunks(&mesh, range, &mut held);
+                whole = chunks.iter().fold(whole, WholeSums::and);
+                nodes.extend_from_slice(&held);
+            }
+            assert!((0..corners.len()).all(|face| mesh.node(face) == nodes[face]));
+            (bytemuck::bytes_of(&whole.orientation).to_vec(), whole.nodes)
+        };
+        assert_eq!(sums(CHUNK), sums(3 * CHUNK));
+        assert_eq!(sums(CHUNK), sums(corners.len()));
     }
 }
