@@ -5,50 +5,23 @@
 use nystrom_stream::base::Error;
 use std::path::Path;
 
+/// Library options whose flags have the same words.
+const SAME: &str = "\
+    alternative beta boundaries cluster decision degree delta detail edits eta exact faces force hints matches \
+    noise part_form partial refine samples sampling shard size split_faces threads tiny_components transfer tree \
+    turn views walls work_dir";
 /// Library options with another name on the command line, and their flags.
-const FLAGS: [(&str, &str); 42] = [
-    ("alternative", "--alternative"),
-    ("beta", "--beta"),
-    ("boundaries", "--boundaries"),
-    ("cluster", "--cluster"),
-    ("decision", "--decision"),
-    ("degree", "--degree"),
-    ("delta", "--delta"),
-    ("detail", "--detail"),
+const OTHERS: [(&str, &str); 10] = [
     ("dimensions", "--vectors"),
-    ("edits", "--edits"),
-    ("eta", "--eta"),
-    ("exact", "--exact"),
-    ("faces", "--faces"),
-    ("force", "--force"),
-    ("hints", "--hints"),
     ("landmarks", "-l"),
     ("map", "--initial-map"),
-    ("matches", "--matches"),
     ("memory", "--max-memory"),
-    ("noise", "--noise"),
     ("output", "-o"),
     ("pairs", "--landmarks-file"),
-    ("part_form", "--part-form"),
-    ("partial", "--partial"),
     ("parts", "-k"),
     ("parts_between", "--parts-range"),
-    ("refine", "--refine"),
-    ("samples", "--samples"),
-    ("sampling", "--sampling"),
-    ("shard", "--shard"),
-    ("size", "--size"),
-    ("split_faces", "--split-faces"),
     ("temporary_folder", "--tmp"),
-    ("threads", "--threads"),
-    ("tiny_components", "--tiny-components"),
-    ("transfer", "--transfer"),
-    ("tree", "--tree"),
-    ("turn", "--turn"),
-    ("views", "--views"),
-    ("walls", "--walls"),
     ("width", "--sigma"),
-    ("work_dir", "--work-dir"),
 ];
 
 /// Stages that the library may report as missing in a work directory, and the commands that make them.
@@ -65,7 +38,8 @@ const STAGES: [(&str, &str); 6] = [
 pub fn message(error: &Error) -> String {
     match error {
         Error::Parameter { name, problem, remedy } => {
-            Error::parameter(flag(name).unwrap_or(name), with_flags(problem), with_flags(remedy)).to_string()
+            let flag = flags().find(|(option, _)| option == name).map_or_else(|| name.clone(), |(_, flag)| flag);
+            Error::parameter(flag, with_flags(problem), with_flags(remedy)).to_string()
         }
         // A problem may quote a file.
         Error::Unusable { path, problem, remedy } => Error::unusable(path, problem, with_flags(remedy)).to_string(),
@@ -99,17 +73,18 @@ pub fn of_file(error: Error, name: &str, path: Option<&Path>) -> Error {
     }
 }
 
-/// The flag of the option `name`, if it differs from the name.
-fn flag(name: &str) -> Option<&'static str> {
-    FLAGS.iter().find(|(option, _)| *option == name).map(|(_, flag)| *flag)
+/// The library's options and their flags.
+fn flags() -> impl Iterator<Item = (&'static str, String)> {
+    let same = SAME.split(' ').map(|name| (name, format!("--{}", name.replace('_', "-"))));
+    same.chain(OTHERS.iter().map(|(name, flag)| (*name, flag.to_string())))
 }
 
 /// `text` with a flag for each option between backticks, and a command for each stage; other words between backticks
 /// are kept.
 pub fn with_flags(text: &str) -> String {
     let made = |text: String, (stage, command): &(&str, &str)| text.replace(&format!("stage `{stage}`"), command);
-    let named = |text: String, (option, flag): &(&str, &str)| text.replace(&format!("`{option}`"), flag);
-    FLAGS.iter().fold(STAGES.iter().fold(text.to_string(), made), named)
+    let named = |text: String, (option, flag): (&str, String)| text.replace(&format!("`{option}`"), &flag);
+    flags().fold(STAGES.iter().fold(text.to_string(), made), named)
 }
 
 #[cfg(test)]
