@@ -8,11 +8,12 @@
 
 use super::sorting::{Scatter, ordered, ranks_by_key};
 use crate::base::Result;
+use crate::base::moments::{principal_axes, products};
+use crate::base::vector::{dot, finite};
 use crate::graph::order::hilbert;
 use crate::graph::{Frame, VertexAdjacency};
 use crate::mesh::Mesh;
 use crate::store::{Context, MappedSlice, Run};
-use nalgebra::DMatrix;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 /// Vertices between checks of the stop flag.
@@ -120,6 +121,10 @@ fn search_ranks(
 
 const CHUNK: usize = 1 << 15;
 
+fn add<const N: usize>(sums: &mut [f64; N], terms: [f64; N]) {
+    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+}
+
 /// Ranks along the longest principal axis of the vertices, ties along the second.
 ///
 /// # Errors
@@ -127,35 +132,27 @@ const CHUNK: usize = 1 << 15;
 pub fn pca_ranks(name: &str, mesh: &Mesh, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let (positions, frame) = (&mesh.positions, Frame::of(mesh, context.run)?);
     let n = positions.len();
-    let sums = context.run.map_ranges(n, CHUNK, |range| {
-        let (mut sum, mut products, mut count) = ([0f64; 3], [[0f64; 3]; 3], 0u64);
-        for v in range {
-            let p = frame.place(positions.get(v as u32));
-            if p.iter().all(|x| x.is_finite()) {
-                count += 1;
-                for i in 0..3 {
-                    sum[i] += p[i];
-                    (0..3).for_each(|j| products[i][j] += p[i] * p[j]);
-                }
-            }
+    let place = |v: usize| frame.place(positions.get(v as u32));
+    let chunks = context.run.map_ranges(n, CHUNK, |range| {
+        let (mut sum, mut second, mut count) = ([0.; 3], [0.; 6], 0u64);
+        for p in range.map(place).filter(|&p| finite(p)) {
+            count += 1;
+            add(&mut sum, p);
+            add(&mut second, products(p));
         }
-        Ok((sum, products, count))
+        Ok((sum, second, count))
     })?;
-    let (mut sum, mut products, mut count) = ([0f64; 3], [[0f64; 3]; 3], 0u64);
-    for (s, p, c) in sums {
+    let (mut sum, mut second, mut count) = ([0.; 3], [0.; 6], 0u64);
+    for (s, p, c) in chunks {
         count += c;
-        for i in 0..3 {
-            sum[i] += s[i];
-            (0..3).for_each(|j| products[i][j] += p[i][j]);
-        }
+        add(&mut sum, s);
+        add(&mut second, p);
     }
-    let m = count.max(1) as f64;
-    let covariance = DMatrix::from_fn(3, 3, |i, j| products[i][j] / m - sum[i] * sum[j] / (m * m));
-    let axes = crate::spectral::eigen::symmetric(covariance).1;
+    let (m, of_sum) = (count.max(1) as f64, products(sum));
+    let (_, axes) = principal_axes(std::array::from_fn(|k| second[k] / m - of_sum[k] / (m * m)));
     let key = |v: usize| {
-        let p = frame.place(positions.get(v as u32));
-        let along = |axis: usize| (0..3).map(|i| axes[(i, axis)] * p[i]).sum::<f64>();
-        (0, along(0), along(1) as f32)
+        let p = place(v);
+        (0, dot(axes[0], p), dot(axes[1], p) as f32)
     };
     ranks_along(name, n, key, context)
 }
