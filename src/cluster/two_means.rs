@@ -34,11 +34,6 @@ impl TwoMeansParams {
     pub fn between(least: usize, most: usize) -> Self {
         Self { least, most, share: 0.06 }
     }
-
-    /// Exactly `k` parts.
-    pub fn exactly(k: usize) -> Self {
-        Self::between(k, k)
-    }
 }
 
 /// A part: some of the points, their mean, and their cost around it.
@@ -164,7 +159,7 @@ mod tests {
         let points = WeightedPoints { coordinates: &coordinates, weights: &weights };
         let expected: [&[f32]; 4] = [&[17.8], &[5.05, 30.55], &[0.05, 10.05, 30.55], &[0.05, 10.05, 30.05, 31.05]];
         for (k, expected) in (1..).zip(expected) {
-            let fitted = fit(points, 1, TwoMeansParams::exactly(k), &Run::new(&())).unwrap();
+            let fitted = fit(points, 1, TwoMeansParams::between(k, k), &Run::new(&())).unwrap();
             let centres = sorted(fitted.centres);
             assert_eq!(centres.len(), k);
             assert!(centres.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-2), "{centres:?}");
@@ -186,7 +181,7 @@ mod tests {
     #[test]
     fn fewer_places_than_parts_still_give_all_centres() {
         let points = WeightedPoints { coordinates: &[1., 1., 2.], weights: &[0.4, 0.3, 0.3] };
-        let fitted = fit(points, 1, TwoMeansParams::exactly(3), &Run::new(&())).unwrap();
+        let fitted = fit(points, 1, TwoMeansParams::between(3, 3), &Run::new(&())).unwrap();
         assert_eq!(sorted(fitted.centres), [1., 2., 2.]);
     }
 }

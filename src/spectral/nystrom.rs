@@ -121,8 +121,6 @@ pub struct NystromExtension {
     pub map: DMatrix<f64>,
     /// The eigenvalues of the d coordinates, descending: of A, or of the approximated W̄.
     pub values: Vec<f64>,
-    /// Eigenpairs of A that were dropped, or damped to less than half.
-    pub dropped: usize,
 }
 
 /// The weight of a node, by its number.
@@ -141,7 +139,6 @@ impl NystromExtension {
     ) -> Result<Self> {
         let ExtensionParams { extrapolation: how, scaling, dimensions: d, tolerance } = params;
         let kept = KeptEigenpairs::of(block.sampled(), tolerance);
-        let dropped = kept.dropped();
         let (mut map, values) = match how {
             Extrapolation::Plain | Extrapolation::Kpca => (kept.roots(), kept.values),
             Extrapolation::Orthogonal => {
@@ -158,7 +155,7 @@ impl NystromExtension {
             let features = if how == Extrapolation::Kpca { 1. } else { 1. / value.sqrt() };
             column *= features * scaling.of(value);
         }
-        Ok(Self { map, values: values[..d].to_vec(), dropped })
+        Ok(Self { map, values: values[..d].to_vec() })
     }
 
     /// Coordinates of all nodes (n × d): for sets that fit in memory.

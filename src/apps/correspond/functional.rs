@@ -54,7 +54,6 @@ impl Points {
 
 /// Points to be searched: blocks of [`LANES`], coordinate by coordinate, and half their squared norms.
 pub struct Targets {
-    count: usize,
     dimensions: usize,
     blocks: Vec<[f32; LANES]>,
     halves: Vec<[f32; LANES]>,
@@ -63,10 +62,8 @@ pub struct Targets {
 impl Targets {
     /// Points of `dimensions` coordinates, in order.
     pub fn new<'a>(points: impl ExactSizeIterator<Item = &'a [f32]>, dimensions: usize) -> Self {
-        let count = points.len();
-        let blocks = count.div_ceil(LANES);
+        let blocks = points.len().div_ceil(LANES);
         let mut all = Self {
-            count,
             dimensions,
             blocks: vec![[0.; LANES]; blocks * dimensions],
             // Padding is infinitely far away.
@@ -82,16 +79,6 @@ impl Targets {
             all.halves[block][lane] = half;
         }
         all
-    }
-
-    /// Number of points.
-    pub fn len(&self) -> usize {
-        self.count
-    }
-
-    /// Whether there are no points.
-    pub fn is_empty(&self) -> bool {
-        self.count == 0
     }
 
     /// For each of `queries` the nearest point, the first if several; 0 if there are no points.

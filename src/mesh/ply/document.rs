@@ -10,7 +10,7 @@ use crate::base::{Error, Result};
 use crate::mesh::output::Gather;
 use crate::store::{MappedBytes, Run};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Records between two checks of the stop flag.
 const CHUNK: usize = 1 << 14;
@@ -63,11 +63,6 @@ pub struct NumberProperty<'a> {
 }
 
 impl Document {
-    /// The path as the user gave it.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
     /// The header.
     pub fn header(&self) -> &Header {
         &self.header
@@ -81,16 +76,6 @@ impl Document {
     /// Whether its numbers are text.
     pub fn is_text(&self) -> bool {
         self.header.encoding == Encoding::Ascii
-    }
-
-    /// Bytes of the uncompressed file.
-    pub fn len(&self) -> u64 {
-        self.bytes.len() as u64
-    }
-
-    /// Never: an empty file is refused when opened.
-    pub fn is_empty(&self) -> bool {
-        self.bytes.is_empty()
     }
 
     /// The bytes of the uncompressed file, such as for a checksum.
