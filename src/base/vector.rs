@@ -1,6 +1,6 @@
 //! Points and directions as plain arrays. These are inner loops, so all of it is inlined.
 
-use std::ops::{AddAssign, Mul};
+use std::ops::{Add, AddAssign, Mul, Sub};
 
 /// What [`array::map`] does, always inlined: the standard library's makes a call per element where it is compiled apart
 /// from its caller.
@@ -22,7 +22,7 @@ impl<T: Copy, const N: usize> MapEach<T, N> for [T; N] {
 
 /// a − b.
 #[inline(always)]
-pub fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub fn minus<T: Copy + Sub<Output = T>>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
@@ -40,7 +40,7 @@ pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 
 /// a · b.
 #[inline(always)]
-pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 

@@ -12,7 +12,7 @@
 use crate::base::Result;
 use crate::base::bit_set::BitSet;
 use crate::base::parallel::{chunk_range, entry_ends, parts_of};
-use crate::base::vector::{MapEach, cross, length, minus, wide};
+use crate::base::vector::{MapEach, cross, dot, length, minus, wide};
 use crate::graph::angle::between;
 use crate::graph::weights::concave;
 use crate::graph::{Metric, NodeView};
@@ -82,22 +82,16 @@ impl CreaseEdge {
     #[inline]
     fn weight(&self, other: &Self, per_length: f32) -> f32 {
         let away = [0, 1, 2].map_each(|axis| (other.middle[axis] - self.middle[axis]) * per_length);
-        let along = product(away, self.along);
-        let across = (product(away, away) - along * along).max(0.);
+        let along = dot(away, self.along);
+        let across = (dot(away, away) - along * along).max(0.);
         let far = along * along * (0.5 / (ALONG * ALONG)) + across * (0.5 / (ACROSS * ACROSS));
         // Beyond, the Gaussian is below a thousandth.
         if far > 7. {
             return 0.;
         }
-        let same = product(self.along, other.along);
+        let same = dot(self.along, other.along);
         other.length * same * same * exp(-far)
     }
-}
-
-/// a · b, in single precision: places a few edges apart.
-#[inline(always)]
-fn product(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// The turning of each of `edges`, averaged: those of a band's positions one after the other, which begin at `start`

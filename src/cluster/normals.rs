@@ -16,7 +16,7 @@ use super::area_shares::{AreaShares, SurfaceSum, spread_seeds, surface_sums};
 use super::few_nodes::fitted;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::vector::MapEach;
+use crate::base::vector::{MapEach, dot};
 use crate::distance::SharedFront;
 use crate::distance::front::mean_weight;
 use crate::graph::Csr;
@@ -105,7 +105,7 @@ pub fn cell_front<'a>(graph: &'a DualGraph, seeds: &'a [u32], file: &'a str) -> 
 }
 
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
-    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    let length = dot(v, v).sqrt();
     if length > 1e-20 { Some(v.map_each(|x| x / length)) } else { None }
 }
 

@@ -12,6 +12,7 @@
 
 use super::front::FRONT_WIDTH;
 use super::queue::{Entry, Queue};
+use crate::base::vector::{dot, minus, wide};
 use crate::base::{Cancel, Result};
 use crate::graph::Csr;
 use crate::graph::{Node, VertexGraph};
@@ -95,11 +96,7 @@ pub struct March {
 /// through one of its ends is shorter.
 #[inline]
 pub fn through(x: [f32; 3], p: [f32; 3], q: [f32; 3], dp: f32, dq: f32) -> f32 {
-    let d = |a: [f32; 3], b: [f32; 3]| {
-        [f64::from(a[0]) - f64::from(b[0]), f64::from(a[1]) - f64::from(b[1]), f64::from(a[2]) - f64::from(b[2])]
-    };
-    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    let (e, a) = (d(q, p), d(x, p));
+    let (e, a) = (minus(wide(q), wide(p)), minus(wide(x), wide(p)));
     let square = dot(e, e);
     let length = square.sqrt();
     let rise = f64::from(dq) - f64::from(dp);

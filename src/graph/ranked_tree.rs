@@ -13,7 +13,7 @@
 use crate::base::Result;
 use crate::base::bounds::Bounds;
 use crate::base::parallel::run_concurrently;
-use crate::base::vector::MapEach;
+use crate::base::vector::{MapEach, dot, minus};
 use crate::store::npy::{ArrayMut, Item};
 use crate::store::{Context, Run};
 use bytemuck::{Pod, Zeroable};
@@ -64,11 +64,6 @@ impl RankedBox {
         let width = |axis: usize| self.bounds.high[axis] - self.bounds.low[axis];
         (1..3).fold(0, |widest, axis| if width(axis) > width(widest) { axis } else { widest })
     }
-}
-
-#[inline]
-fn square(d: [f32; 3]) -> f32 {
-    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
 
 /// Searchable points.
@@ -127,7 +122,8 @@ impl RankedTree {
             }
             if i >= leaves {
                 for point in &points[span(i, points.len())] {
-                    let distance = square([0, 1, 2].map_each(|axis| at[axis] - point.at[axis]));
+                    let away = minus(at, point.at);
+                    let distance = dot(away, away);
                     if point.rank < rank && (best.1.is_none() || distance < best.0) {
                         best = (distance, Some(point.node));
                     }
@@ -194,7 +190,7 @@ mod tests {
             let tree = RankedTree::new(array, Context::new(&work, &run)).unwrap();
             for k in 0..200u32 {
                 let (rank, at) = (k % 103, place());
-                let far = |point: &RankedPoint| square(std::array::from_fn(|axis| at[axis] - point.at[axis]));
+                let far = |point: &RankedPoint| dot(minus(at, point.at), minus(at, point.at));
                 let expected = all.iter().filter(|point| point.rank < rank).map(far).reduce(f32::min);
                 let found = tree.nearest_below(rank, at);
                 assert_eq!(found.map(|found| found.0), expected, "{n} points below {rank}");

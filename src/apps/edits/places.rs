@@ -6,7 +6,7 @@
 
 use super::data::{Edit, Edits, Place};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
-use crate::base::vector::{finite, minus, triangle_distance};
+use crate::base::vector::{finite, length, minus, triangle_distance};
 use crate::base::{Error, Result};
 use crate::mesh::extent::{EMPTY, around, grow};
 use crate::mesh::{Mesh, polygon};
@@ -172,7 +172,7 @@ fn nearest(mesh: &Mesh, extent: &Extent, points: &[[f64; 3]], run: &Run) -> Resu
                 }
                 for (best, &p) in best.iter_mut().zip(points) {
                     let out = [0, 1, 2].map(|k| (low[k] - p[k]).max(p[k] - high[k]).max(0.));
-                    let least = (out[0] * out[0] + out[1] * out[1] + out[2] * out[2]).sqrt();
+                    let least = length(out);
                     if least > best.0 {
                         continue;
                     }

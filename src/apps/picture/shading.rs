@@ -7,7 +7,7 @@ use super::camera::{Camera, Vec3};
 use super::raster::{Canvas, Hit, triangles_of};
 use super::vertex_normals::VertexNormals;
 use crate::base::Result;
-use crate::base::vector::{MapEach, add_scaled, double_area, finite, is_zero, minus, unit};
+use crate::base::vector::{MapEach, add_scaled, dot, double_area, finite, is_zero, minus, unit};
 use crate::mesh::Mesh;
 use crate::mesh::ply::labelled::colour_of;
 use crate::mesh::polygon::double_area_vector;
@@ -426,7 +426,7 @@ impl View<'_> {
 /// A surface's colour under the two lights and the sky.
 #[inline]
 fn light(colour: [f32; 3], normal: [f32; 3], open: f32) -> [f32; 3] {
-    let along = |l: [f32; 3]| normal[0] * l[0] + normal[1] * l[1] + normal[2] * l[2];
+    let along = |l: [f32; 3]| dot(normal, l);
     let key = ((along(KEY) + 0.15) / 1.15).max(0.0);
     let fill = along(FILL).max(0.0);
     let sky = 0.65 + 0.35 * normal[1];

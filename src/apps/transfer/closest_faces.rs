@@ -8,7 +8,7 @@
 
 use crate::base::Result;
 use crate::base::bounds::Bounds;
-use crate::base::vector::{self, double_area, narrow, wide};
+use crate::base::vector::{self, dot, double_area, minus, narrow, wide};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use std::ops::Range;
@@ -70,11 +70,6 @@ pub fn unit(v: [f64; 3]) -> [f32; 3] {
     narrow(vector::unit(v), 1.)
 }
 
-#[inline(always)]
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 /// A triangle and its face.
 #[derive(Clone, Copy, Debug)]
 struct Leaf {
@@ -94,15 +89,14 @@ impl Leaf {
 
 /// The squared distance of `p` from a triangle: from its plane inside, from its edges outside.
 pub fn distance_2([a, b, c]: &[[f32; 3]; 3], p: [f32; 3]) -> f32 {
-    let sub = |a: [f32; 3], b: [f32; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let to_edge = |from: [f32; 3], to: [f32; 3]| {
-        let (along, out) = (sub(to, from), sub(p, from));
+        let (along, out) = (minus(to, from), minus(p, from));
         let size = dot(along, along);
         let t = if size > 0. { (dot(along, out) / size).clamp(0., 1.) } else { 0. };
         let rest = [out[0] - t * along[0], out[1] - t * along[1], out[2] - t * along[2]];
         dot(rest, rest)
     };
-    let (u, v, w) = (sub(*b, *a), sub(*c, *a), sub(p, *a));
+    let (u, v, w) = (minus(*b, *a), minus(*c, *a), minus(p, *a));
     let (uu, uv, vv, wu, wv) = (dot(u, u), dot(u, v), dot(v, v), dot(w, u), dot(w, v));
     let area = uu * vv - uv * uv;
     let (s, t) = (vv * wu - uv * wv, uu * wv - uv * wu);

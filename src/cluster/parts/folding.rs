@@ -8,6 +8,7 @@
 //! Cost: S steps for each of 13 directions.
 
 use super::cell_graph::CellGraph;
+use crate::base::vector::dot;
 
 /// Ratio of the area to that of a sphere of the same mean width above which a surface counts as folded. The 190 models
 /// of the benchmark have at most 1.5, a hemisphere of a brain 2.1, whole brains 3.1 to 3.4, a head with all that is
@@ -51,8 +52,8 @@ pub fn log_folding(cells: &CellGraph) -> f64 {
 /// The mean distance between two parallel planes that enclose all `points`.
 fn mean_width(points: &[[f64; 3]]) -> f64 {
     let width = |direction: &[f64; 3]| {
-        let along = |x: &[f64; 3]| x[0] * direction[0] + x[1] * direction[1] + x[2] * direction[2];
-        let ends = |(low, high): (f64, f64), x: &[f64; 3]| (low.min(along(x)), high.max(along(x)));
+        let ends =
+            |(low, high): (f64, f64), x: &[f64; 3]| (low.min(dot(*x, *direction)), high.max(dot(*x, *direction)));
         let (low, high) = points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), ends);
         let length: f64 = direction.iter().map(|x| x * x).sum();
         (high - low).max(0.0) / length.sqrt()

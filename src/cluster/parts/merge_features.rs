@@ -11,6 +11,7 @@
 use super::matrix::Square;
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, EdgeSums, Regions};
 use crate::base::moments;
+use crate::base::vector::dot;
 use libm::log as ln;
 
 /// The logarithm of the cost is clipped to ± this value before use.
@@ -52,8 +53,8 @@ impl RegionShape {
         RegionShape {
             length,
             width,
-            normal: (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt(),
-            height: q.height / a - (n[0] * x[0] + n[1] * x[1] + n[2] * x[2]),
+            normal: dot(n, n).sqrt(),
+            height: q.height / a - dot(n, x),
             embedding: q.embedding.map(|x| x / a),
             log_thickness: q.log_thickness / a,
         }

@@ -13,7 +13,7 @@ use super::convexity::PairSums;
 use super::matrix::Square;
 use super::region_pieces::RegionPieces;
 use crate::base::moments::products;
-use crate::base::vector::MapEach;
+use crate::base::vector::{MapEach, dot};
 use crate::spectral::anchor::AnchorEmbedding;
 use crate::spectral::exp::exp64;
 use bytemuck::{Pod, Zeroable};
@@ -57,7 +57,7 @@ pub fn cell_moments(cells: &CellGraph, embedding: &AnchorEmbedding, thickness: &
                 centre: x.map(|x| x * area),
                 products: products(x).map(|x| x * area),
                 normal: n.map(|n| n * area),
-                height: (n[0] * x[0] + n[1] * x[1] + n[2] * x[2]) * area,
+                height: dot(n, x) * area,
                 embedding: std::array::from_fn(|k| coordinate(k) * area),
                 log_thickness: thickness[i] * area,
             }

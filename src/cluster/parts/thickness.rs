@@ -424,22 +424,17 @@ impl RayCone {
     #[inline(always)]
     fn meets(self, d: [f32; 3], deeper: f32, radius_and_disc: f32) -> bool {
         let (n, reach) = (self.n, self.reach);
-        let depth = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
+        let depth = -dot(d, n);
         let deepest = depth + deeper;
         let limit = reach * deepest + radius_and_disc;
-        (deepest > -slack(d)) & (square(d) - depth * depth < limit * limit + slack(d))
+        (deepest > -slack(d)) & (dot(d, d) - depth * depth < limit * limit + slack(d))
     }
-}
-
-#[inline(always)]
-fn square(d: [f32; 3]) -> f32 {
-    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
 
 /// The error bound of single precision at offset `d`.
 #[inline(always)]
 fn slack(d: [f32; 3]) -> f32 {
-    SLACK * (1.0 + square(d))
+    SLACK * (1.0 + dot(d, d))
 }
 
 /// Two unit vectors perpendicular to `n` and to each other.
