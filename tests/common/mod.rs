@@ -5,7 +5,10 @@ pub mod oracle;
 pub mod zoo;
 
 use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::mesh::Mesh;
 use nystrom_stream::store::Run;
+use ply_rs_bw::parser::Parser;
+use ply_rs_bw::ply::{DefaultElement, Ply};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -75,6 +78,29 @@ pub fn run(words: &[&str]) -> Output {
     program().args(words).output().expect("the program starts")
 }
 
+/// Runs the program with `words`, which must succeed.
+#[track_caller]
+pub fn ok(words: &[&str]) -> Output {
+    let output = run(words);
+    assert!(output.status.success(), "{words:?}: {}", errors(&output));
+    output
+}
+
+/// What the program prints on standard output, as JSON, when run with `words`; it must succeed.
+#[track_caller]
+pub fn json(words: &[&str]) -> serde_json::Value {
+    serde_json::from_slice(&ok(words).stdout).unwrap_or_else(|error| panic!("{words:?}: {error}"))
+}
+
+/// Runs the program with `words`, which it must refuse with `code` and a message that contains `part`; returns the message.
+#[track_caller]
+pub fn refused(words: &[&str], code: i32, part: &str) -> String {
+    let output = run(words);
+    let told = errors(&output);
+    assert!(output.status.code() == Some(code) && told.contains(part), "{words:?}: {:?}: {told}", output.status);
+    told
+}
+
 /// Standard error as text.
 pub fn errors(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
@@ -93,6 +119,34 @@ pub fn creature(folder: &Path, faces: u64, shuffle: bool) -> PathBuf {
     let creature = Creature::new(&Options { faces, shuffle, ..Options::default() }).unwrap();
     creature.write_ply(&path, &Run::new(&())).unwrap();
     path
+}
+
+/// The reference reader's view of a PLY; `None` where it is too strict for the file.
+pub fn reference(path: &Path) -> Option<Ply<DefaultElement>> {
+    let mut file = std::io::BufReader::new(std::fs::File::open(path).ok()?);
+    Parser::<DefaultElement>::new().read_ply(&mut file).ok()
+}
+
+/// Asserts that `b` is `a` with faces at `places` and vertices at `numbers`.
+pub fn assert_rearranged(name: &str, a: &Mesh, b: &Mesh, places: &[u32], numbers: &[u32]) {
+    assert_eq!((a.positions.len(), a.faces.len()), (b.positions.len(), b.faces.len()), "{name}");
+    for v in 0..a.positions.len() as u32 {
+        let (p, q) = (a.positions.get(v), b.positions.get(numbers[v as usize]));
+        assert!((0..3).all(|k| p[k] == q[k] || p[k].is_nan() && q[k].is_nan()), "{name}: vertex {v}: {p:?} {q:?}");
+    }
+    for f in 0..a.faces.len() {
+        let expected: Vec<u32> = a.faces.with(f, |corners| corners.iter().map(|&v| numbers[v as usize]).collect());
+        assert_eq!(b.faces.with(places[f] as usize, <[u32]>::to_vec), expected, "{name}: face {f}");
+    }
+}
+
+/// The names in `folder`, sorted, but for the hidden folder in which a batch says what made its outputs.
+pub fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    names.retain(|name| name != ".nystrom-stream");
+    names.sort();
+    names
 }
 
 /// The words of a path.

@@ -3,7 +3,7 @@
 //! code 0 or 1, without a panic, a signal or a hang, and its message names the file; and where checksums do not fit, labels are
 //! never others than before.
 
-use crate::common::{errors, in_memory, program, run, stride, word};
+use crate::common::{errors, in_memory, ok, program, run, stride, word};
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 use std::fmt::Write as _;
@@ -43,11 +43,6 @@ struct Subject {
     /// Commands without `--work-dir`; OUT stands for an output that must hold `labels`.
     commands: Vec<Vec<&'static str>>,
     labels: Vec<u8>,
-}
-
-fn ok(words: &[&str]) {
-    let output = run(words);
-    assert!(output.status.success(), "{words:?}: {}", errors(&output));
 }
 
 /// Work directories of all kinds of stages over the mesh `mesh`.
@@ -363,7 +358,7 @@ fn sums_that_no_rows_have_are_refused() {
     mesh(&mesh_path, 8, 7);
     let folder = ["--work-dir", word(&work)];
     for words in [vec!["graph", word(&mesh_path)], vec!["rows", "-l", "4"]] {
-        assert!(run(&[&words[..], &folder].concat()).status.success(), "{words:?}");
+        ok(&[&words[..], &folder].concat());
     }
     let manifest: Value = serde_json::from_slice(&std::fs::read(work.join("manifest.json")).unwrap()).unwrap();
     for (name, value) in

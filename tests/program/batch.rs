@@ -1,6 +1,6 @@
 //! `segment` of many meshes: files, folders and patterns; jobs, a table, JSON lines, going on and taking up again.
 
-use crate::common::{self, errors, program, run, word, zoo};
+use crate::common::{self, errors, names, ok, program, refused, run, word, zoo};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -25,15 +25,6 @@ const GOOD: [&str; 4] = ["creature_4000", "dumbbell", "grid", "moebius"];
 
 fn lines(text: &[u8]) -> Vec<Value> {
     String::from_utf8_lossy(text).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
-}
-
-fn names(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).unwrap();
-    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
-    // The batch's own notes lie in a hidden folder.
-    names.retain(|name| name != ".nystrom-stream");
-    names.sort();
-    names
 }
 
 fn batch(meshes: &Path, out: &Path, words: &[&str]) -> Output {
@@ -141,9 +132,7 @@ fn what_another_batch_works_on_is_skipped_on_request() {
     let out = dir.path().join("{}.seg");
     let again = |words: &[&str]| {
         let words = [&["segment", word(&meshes[0]), word(&meshes[1]), "-k", "2", "-o", word(&out)], words].concat();
-        let output = run(&words);
-        assert!(output.status.success(), "{}", errors(&output));
-        output
+        ok(&words)
     };
     let records = dir.path().join(".nystrom-stream");
     std::fs::create_dir(&records).unwrap();
@@ -329,9 +318,7 @@ fn a_folder_of_outputs_alone_is_told_of() {
     zoo::grid(5).write(dir.path());
     std::fs::rename(dir.path().join("grid.ply"), dir.path().join("grid.segmented.ply")).unwrap();
     for path in [dir.path().to_path_buf(), dir.path().join("*.ply")] {
-        let output = run(&["segment", word(&path)]);
-        assert_eq!(output.status.code(), Some(1));
-        assert!(errors(&output).contains("all meshes here are outputs of this program"), "{}", errors(&output));
+        refused(&["segment", word(&path)], 1, "all meshes here are outputs of this program");
     }
 }
 
@@ -396,8 +383,7 @@ fn a_pattern_over_all_folders_skips_folders_of_parts() {
 fn patterns_and_events() {
     let (dir, meshes) = folder();
     let (pattern, out) = (meshes.join("[dm]*.ply"), dir.path().join("{}.npy"));
-    let output = run(&["segment", word(&pattern), "-o", word(&out), "-k", "2", "--progress", "json"]);
-    assert!(output.status.success(), "{}", errors(&output));
+    let output = ok(&["segment", word(&pattern), "-o", word(&out), "-k", "2", "--progress", "json"]);
     assert_eq!(names(dir.path()), ["dumbbell.npy", "grid.ply", "meshes", "moebius.npy"]);
     let events = lines(&output.stderr);
     let meshes_done = events.iter().filter(|event| event["stage"] == "meshes");
@@ -431,15 +417,11 @@ fn what_makes_no_sense_is_refused_before_any_work() {
         (&["segment", folder, "-"], "standard input is a single mesh"),
         (&["segment", folder, "--json", "--json-lines"], "cannot both go to standard output"),
     ] {
-        let output = run(words);
-        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
-        assert!(errors(&output).contains(told), "{words:?}: {}", errors(&output));
+        refused(words, 2, told);
     }
     for (word, told) in [("none*.ply", "matches no file"), (word(&dir.path().join("empty")), "holds no mesh")] {
         let _ = std::fs::create_dir(dir.path().join("empty"));
-        let output = run(&["segment", word]);
-        assert_eq!(output.status.code(), Some(1));
-        assert!(errors(&output).contains(told), "{}", errors(&output));
+        refused(&["segment", word], 1, told);
     }
     assert!(!names(&meshes).contains(&"grid.segmented.ply".to_string()));
 }
@@ -512,8 +494,7 @@ fn nothing_is_written_over_an_input_or_another_output() {
     let own = dir.path().join("own.obj");
     std::fs::write(&own, "mtllib own.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl skin\nf 1 2 3\n").unwrap();
     let report = format!("--json={}", word(&materials));
-    let output = run(&["segment", word(&own), "-q", "-k", "1", "-o", word(&obj), &report]);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&["segment", word(&own), "-q", "-k", "1", "-o", word(&obj), &report]);
     assert!(std::fs::read_to_string(&materials).unwrap().starts_with('{'));
     assert!(std::fs::read_to_string(&obj).unwrap().contains("usemtl skin"));
     [&obj, &materials].into_iter().for_each(|file| std::fs::remove_file(file).unwrap());

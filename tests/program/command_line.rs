@@ -1,7 +1,7 @@
 //! The command line end to end: where results go, what is refused and how, and that the same bytes come out
 //! whatever the threads, the memory and the way in.
 
-use crate::common::{self, errors, program, run, segment, word, zoo};
+use crate::common::{self, errors, json, names, ok, program, refused, run, segment, word, zoo};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -17,15 +17,6 @@ fn with_input(words: &[&str], input: &[u8]) -> Output {
         scope.spawn(move || drop(pipe.write_all(input)));
         child.wait_with_output().unwrap()
     })
-}
-
-fn names(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).unwrap();
-    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
-    // Where several meshes were cut, a hidden folder says what made the outputs.
-    names.retain(|name| name != ".nystrom-stream");
-    names.sort();
-    names
 }
 
 #[test]
@@ -377,9 +368,8 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
     let kept = std::fs::read(work.join("manifest.json")).unwrap();
     for (mesh, whose) in [(&mesh, "belongs to an earlier version of "), (&dumbbell, "belongs to another mesh, ")] {
         for command in [&["segment"][..], &["graph"], &["rows"], &["rows", "--shard", "0/2"], &["sequence"]] {
-            let output = run(&[command, &[word(mesh), "-q", "--work-dir", word(&work)]].concat());
-            assert_eq!(output.status.code(), Some(1), "{command:?}: {}", errors(&output));
-            assert!(errors(&output).contains(whose) && errors(&output).contains("--force"), "{}", errors(&output));
+            let told = refused(&[command, &[word(mesh), "-q", "--work-dir", word(&work)]].concat(), 1, whose);
+            assert!(told.contains("--force"), "{told}");
         }
     }
     // Nor by what a command tells: it took the place of the manifest.
@@ -477,12 +467,10 @@ fn json_has_one_form_everywhere() {
         &["correspond", mesh, mesh, "-l", "8", "--refine", "none"],
     ] {
         let quiet: &[&str] = if ["plan", "info"].contains(&words[0]) { &[] } else { &["-q"] };
-        let output = run(&[words, quiet, &["--json"]].concat());
-        assert!(output.status.success(), "{words:?}: {}", errors(&output));
+        let output = ok(&[words, quiet, &["--json"]].concat());
         let printed: Value =
             serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{words:?}: {error}"));
-        let output = run(&[words, quiet, &[&format!("--json={}", word(&json))]].concat());
-        assert!(output.status.success(), "{words:?}: {}", errors(&output));
+        ok(&[words, quiet, &[&format!("--json={}", word(&json))]].concat());
         let written: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
         let keys = |value: &Value| value.as_object().map(|all| all.keys().cloned().collect::<Vec<_>>());
         assert_eq!(keys(&printed), keys(&written), "{words:?}");
@@ -569,9 +557,7 @@ fn options_without_an_effect_are_refused() {
         (&["quality", mesh, "--embedding", "--csv", csv], "--csv cannot be used with --embedding"),
         (&["quality", mesh, "--embedding", "--exact"], "cannot be used with"),
     ] {
-        let output = run(words);
-        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
-        assert!(errors(&output).contains(told), "{words:?}: {}", errors(&output));
+        refused(words, 2, told);
     }
     let vertices = segment(Path::new(mesh), &["-q", "-k", "3", "--vertex-labels"]);
     assert!(vertices.stderr.is_empty());
@@ -595,9 +581,7 @@ fn nothing_goes_where_a_folder_of_parts_has_its_own_files() {
         &["segment", word(&mesh), "-o", &into, "-o", word(&part)],
         &["transfer-labels", word(&mesh), word(&part), "-o", &into],
     ] {
-        let output = run(words);
-        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
-        assert!(errors(&output).contains("lies in a folder of parts"), "{words:?}: {}", errors(&output));
+        refused(words, 2, "lies in a folder of parts");
     }
     assert!(std::fs::read(&list).unwrap() == before);
     let report = format!("--json={}", word(&parts.join("report.json")));
@@ -612,17 +596,14 @@ fn a_work_directory_is_named_by_position_or_by_option() {
     let (work, other, tree) = (word(&work), word(&other), word(&tree));
     for (folder, place) in [(work, &["--work-dir", work][..]), (other, &[other])] {
         for shard in ["0/2", "1/2"] {
-            let output = run(&["rows", word(&mesh), "-q", "-l", "8", "--work-dir", folder, "--shard", shard]);
-            assert!(output.status.success(), "{}", errors(&output));
+            ok(&["rows", word(&mesh), "-q", "-l", "8", "--work-dir", folder, "--shard", shard]);
         }
-        let output = run(&[&["merge", "-q"][..], place].concat());
-        assert!(output.status.success(), "{place:?}: {}", errors(&output));
+        ok(&[&["merge", "-q"][..], place].concat());
     }
     segment(&mesh, &["-q", "-k", "3", "--work-dir", work, "-o", word(&dir.path().join("x.seg"))]);
     for words in [&["info"][..], &["verify", "-q"], &["plot", "--tree", tree], &["merge", "-q"]] {
         let forms = [&["--work-dir", work][..], &[work]].map(|place| {
-            let output = run(&[words, place].concat());
-            assert!(output.status.success(), "{words:?} {place:?}: {}", errors(&output));
+            let output = ok(&[words, place].concat());
             (output.stdout, std::fs::read(tree).ok())
         });
         assert!(forms[0] == forms[1], "{words:?}");
@@ -641,9 +622,7 @@ fn cluster_keeps_the_options_that_are_not_given_again() {
     let options =
         ["-q", "--decision", "single", "--tiny-components", "own", "--walls", "own", "--boundaries", "embedding"];
     segment(&mesh, &[&options[..], &["-k", "3", "-o", word(&a), "--work-dir", word(&work)]].concat());
-    let output = run(&["cluster", "-q", "--work-dir", word(&work), "-k", "5", "-o", word(&b), "--json"]);
-    assert!(output.status.success(), "{}", errors(&output));
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = json(&["cluster", "-q", "--work-dir", word(&work), "-k", "5", "-o", word(&b), "--json"]);
     let kept = &report["options"];
     assert_eq!((&kept["parts"]["decision"], &kept["boundaries"]), (&"single".into(), &"embedding".into()), "{kept}");
     assert_eq!((&kept["tiny_components"], &kept["walls"]), (&"own".into(), &"own".into()), "{kept}");
@@ -657,9 +636,7 @@ fn an_output_is_never_the_mesh_itself_and_braces_stand_for_its_name() {
     let mesh = zoo::dumbbell().write(dir.path());
     let before = std::fs::read(&mesh).unwrap();
     let misused = |words: &[&str], problem: &str| {
-        let output = run(words);
-        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
-        assert!(errors(&output).contains(problem), "{words:?}: {}", errors(&output));
+        refused(words, 2, problem);
     };
     misused(&["segment", word(&mesh), "-o", word(&mesh)], "is the mesh itself");
     let roundabout = dir.path().join("../").join(dir.path().file_name().unwrap()).join("dumbbell.ply");
@@ -688,9 +665,7 @@ fn no_folder_is_made_for_a_mesh_that_is_not_there() {
         &["picture", word(&absent), "-o", word(&picture), "--tmp", "/nonexistent"],
         &["transfer-labels", word(&absent), word(&mesh), "-o", word(&picture), "--tmp", "/nonexistent"],
     ] {
-        let output = run(words);
-        assert_eq!(output.status.code(), Some(1), "{words:?}: {}", errors(&output));
-        assert!(errors(&output).contains("absent.ply: cannot open: "), "{words:?}: {}", errors(&output));
+        refused(words, 1, "absent.ply: cannot open: ");
         assert_eq!(names(dir.path()), ["tetrahedron.ply"], "{words:?}");
     }
 }
@@ -743,8 +718,7 @@ fn what_is_told_of_a_mesh_of_one_face_is_so() {
 fn what_cluster_leaves_is_said_with_where_and_how_to_get_a_mesh() {
     let dir = common::in_memory();
     let (mesh, work) = (zoo::dumbbell().write(dir.path()), dir.path().join("staged"));
-    let output = run(&["graph", word(&mesh), "-q", "--work-dir", word(&work)]);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&["graph", word(&mesh), "-q", "--work-dir", word(&work)]);
     let output = run(&["cluster", "-k", "2", "--work-dir", word(&work)]);
     let told = String::from_utf8(output.stdout).unwrap();
     let labels = work.join("labels.npy");
@@ -766,9 +740,7 @@ fn outputs_replace_no_mesh_and_no_folder() {
     std::fs::rename(&mesh, &scan).unwrap();
     std::fs::copy(&scan, &mesh).unwrap();
     let refused = |words: &[&str], code: i32, problem: &str| {
-        let output = run(words);
-        assert_eq!(output.status.code(), Some(code), "{words:?}: {}", errors(&output));
-        assert!(errors(&output).contains(problem), "{words:?}: {}", errors(&output));
+        refused(words, code, problem);
     };
     let outputs = [path("scan.ply"), path("x.seg")].map(|path| word(&path).to_string());
     refused(&["segment", word(&scan), "-o", &outputs[0]], 2, "is written to a .partial file first, which is an input");
@@ -841,9 +813,11 @@ fn files_that_people_write_are_refused_where_they_are_huge() {
     let (mesh, huge) = (zoo::dumbbell().write(dir.path()), dir.path().join("huge"));
     std::fs::File::create(&huge).unwrap().set_len(1 << 30).unwrap();
     for option in ["--edits", "--names"] {
-        let output = run(&["segment", word(&mesh), option, word(&huge), "-o", word(&dir.path().join("x.ply"))]);
-        assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
-        assert!(errors(&output).contains("is larger than 64 MiB"), "{}", errors(&output));
+        refused(
+            &["segment", word(&mesh), option, word(&huge), "-o", word(&dir.path().join("x.ply"))],
+            1,
+            "is larger than 64 MiB",
+        );
     }
 }
 

@@ -1,6 +1,6 @@
 //! `correspond` and `evaluate --matches` as a user runs them.
 
-use crate::common::{self, errors, program, word, zoo};
+use crate::common::{self, errors, ok, program, refused, word, zoo};
 use nystrom_stream::apps::correspond::Match;
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::mesh;
@@ -40,8 +40,9 @@ pub fn permuted(path: &Path, out: &Path, mirrored: bool) -> Vec<u32> {
     place
 }
 
+/// Matches the meshes, which must succeed.
 pub fn correspond(a: &Path, b: &Path, words: &[&str]) -> std::process::Output {
-    program().args(["correspond", word(a), word(b)]).args(words).output().unwrap()
+    ok(&[&["correspond", word(a), word(b)], words].concat())
 }
 
 pub fn read(path: &Path) -> Vec<Match> {
@@ -64,8 +65,7 @@ fn a_turned_permuted_copy_is_recognised_and_its_properties_come_back() {
     let (ca, cb, picture, carried) = (file("ca.ply"), file("cb.ply"), file("p.png"), file("carried.ply"));
     let words = ["-q", "-o", word(&out), "-o", word(&csv), &report, "--colours", word(&ca), word(&cb)];
     let more = ["--picture", word(&picture), "--carry", "heat,label", "--carried", word(&carried)];
-    let run = correspond(&a, &b, &[&words[..], &more].concat());
-    assert!(run.status.success(), "{}", errors(&run));
+    correspond(&a, &b, &[&words[..], &more].concat());
     let matches = read(&out);
     let right = matches.iter().zip(&truth).filter(|(one, real)| one.target == i64::from(**real)).count();
     // The samples of both start at other vertices, so it is not exact.
@@ -75,8 +75,7 @@ fn a_turned_permuted_copy_is_recognised_and_its_properties_come_back() {
     for form in [&out, &csv] {
         let json_to = format!("--json={}", json.display());
         let words = ["evaluate", "-q", "--matches", word(form), "--mesh", word(&b), "--truth", word(&map), &json_to];
-        let run = program().args(words).output().unwrap();
-        assert!(run.status.success(), "{}", errors(&run));
+        ok(&words);
         let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
         let mean = told["errors"]["mean"].as_f64().unwrap();
         assert!(mean < 0.02 && told["errors"]["evaluated"] == truth.len(), "{mean}, {right} of {} exact", truth.len());
@@ -130,8 +129,7 @@ fn the_same_bytes_whatever_threads_and_memory_in_every_manner() {
         for (threads, memory) in [("1", "512MiB"), ("3", "16MiB")] {
             let out = dir.path().join("m.npy");
             let words = ["-q", "-o", word(&out), "--threads", threads, "--max-memory", memory];
-            let run = correspond(&a, &b, &[&words[..], manner, unrefined].concat());
-            assert!(run.status.success(), "{}", errors(&run));
+            correspond(&a, &b, &[&words[..], manner, unrefined].concat());
             let bytes = std::fs::read(&out).unwrap();
             assert!(seen.as_ref().is_none_or(|seen| *seen == bytes), "{manner:?}");
             let targets: Vec<i64> = read(&out).iter().map(|one| one.target).filter(|&t| t >= 0).collect();
@@ -156,7 +154,6 @@ fn a_work_directory_keeps_graphs_and_rows_for_the_next_question() {
         let refine: &[&str] = if as_it_is { &[] } else { &["--refine", "none"] };
         let all = [&["-o", word(&out), "-l", "20"][..], refine, words, if kept { &place } else { &[] }].concat();
         let run = correspond(&a, &b, &all);
-        assert!(run.status.success(), "{}", errors(&run));
         (std::fs::read(&out).unwrap(), errors(&run).matches("rows: reused").count())
     };
     assert_eq!(run(&[], true), run(&[], false));
@@ -168,9 +165,8 @@ fn a_work_directory_keeps_graphs_and_rows_for_the_next_question() {
     }
     for words in [&["-l", "21"][..], &["-l", "21", "--distance", "edges"], &["-l", "21", "--seed", "4"]] {
         let words = [&["-o", word(&out), "--refine", "none", "--work-dir", word(&work)][..], words].concat();
-        let run = correspond(&a, &b, &words);
-        let told = errors(&run);
-        assert!(run.status.success() && told.matches("graph: reused").count() == 2, "{told}");
+        let told = errors(&correspond(&a, &b, &words));
+        assert!(told.matches("graph: reused").count() == 2, "{told}");
         assert!(told.matches("rows: rebuilt").count() == 2, "{told}");
     }
     // Functions and matches, 400 bytes per vertex, were left there, and nothing told of them or took them away.
@@ -193,8 +189,7 @@ fn a_mirror_image_is_matched_with_its_own_side_turned() {
     let (dir, a, b) = files();
     permuted(&a, &b, true);
     let (out, report) = (dir.path().join("m.npy"), format!("--json={}", dir.path().join("r.json").display()));
-    let run = correspond(&a, &b, &["-q", "-o", word(&out), &report]);
-    assert!(run.status.success(), "{}", errors(&run));
+    correspond(&a, &b, &["-q", "-o", word(&out), &report]);
     // Its winding was turned too: seen from outside it is a creature like the first, left and right exchanged.
     let told: serde_json::Value = serde_json::from_slice(&std::fs::read(dir.path().join("r.json")).unwrap()).unwrap();
     assert!(told["alignments"][0]["orientation"].as_f64().unwrap() > 0.3, "{told}");
@@ -207,8 +202,7 @@ fn landmarks_by_length_alone_are_the_farthest_ones() {
     permuted(&a, &b, false);
     let found = ["farthest", "geodesic-farthest"].map(|sampling| {
         let out = dir.path().join(sampling).with_extension("npy");
-        let output = correspond(&a, &b, &["-q", "--refine", "none", "--sampling", sampling, "-o", word(&out)]);
-        assert!(output.status.success(), "{}", errors(&output));
+        correspond(&a, &b, &["-q", "--refine", "none", "--sampling", sampling, "-o", word(&out)]);
         std::fs::read(out).unwrap()
     });
     assert!(found[0] == found[1]);
@@ -235,9 +229,7 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         (vec!["-o", out, "--picture", "m.jpg"], 2, "--picture m.jpg: wrong extension; use .png"),
         (vec!["-o", out, "--functions", "a.npy", "b.csv"], 2, "--functions b.csv: wrong extension; use .npy"),
     ] {
-        let run = correspond(&a, &b, &words);
-        assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
-        assert!(errors(&run).contains(part), "{words:?}: {}", errors(&run));
+        refused(&[&["correspond", word(&a), word(&b)], &words[..]].concat(), code, part);
     }
     // Of another mesh: the file at fault was not named, and it was called misuse.
     let map = |name: &str, targets: &[u32]| {
@@ -259,9 +251,7 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         (vec!["x.seg", "--truth", "x.seg", "--samples", "5"], 2, "--samples can only be used with --matches"),
         (vec!["--matches", word(&a), "--mesh", word(&a)], 1, "unknown extension"),
     ] {
-        let run = program().arg("evaluate").args(&words).output().unwrap();
-        assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
-        assert!(errors(&run).contains(part), "{words:?}: {}", errors(&run));
+        refused(&[&["evaluate"], &words[..]].concat(), code, part);
     }
 }
 
@@ -271,9 +261,9 @@ fn a_missing_property_is_told_before_anything_is_matched() {
     let (dir, a, b) = files();
     permuted(&a, &b, false);
     let out = dir.path().join("m.ply");
-    let run = correspond(&a, &b, &["--carry", "nothing", "--carried", word(&out)]);
-    assert_eq!(run.status.code(), Some(1), "{}", errors(&run));
-    assert!(errors(&run).contains("nothing") && !errors(&run).contains("distance rows"), "{}", errors(&run));
+    let words = ["correspond", word(&a), word(&b), "--carry", "nothing", "--carried", word(&out)];
+    let told = refused(&words, 1, "nothing");
+    assert!(!told.contains("distance rows"), "{told}");
 }
 
 /// All vertices were matched to one, without a word.
@@ -285,9 +275,8 @@ fn a_mesh_without_area_is_refused_by_name() {
     point.vertices.iter_mut().for_each(|v| *v = [1., 2., 3.]);
     let (point, out) = (point.write(dir.path()), dir.path().join("m.npy"));
     for (a, b) in [(&point, &b), (&a, &point)] {
-        let run = correspond(a, b, &["-q", "-l", "10", "--refine", "none", "-o", word(&out)]);
-        assert_eq!(run.status.code(), Some(1), "{}", errors(&run));
-        assert!(errors(&run).contains("grid.ply: has no area"), "{}", errors(&run));
+        let words = ["correspond", word(a), word(b), "-q", "-l", "10", "--refine", "none", "-o", word(&out)];
+        refused(&words, 1, "grid.ply: has no area");
     }
 }
 
@@ -298,8 +287,7 @@ fn a_work_directory_of_other_meshes_is_refused() {
     permuted(&a, &b, false);
     let (work, out) = (dir.path().join("work"), dir.path().join("m.npy"));
     let words = ["-q", "-l", "10", "--refine", "none", "-o", word(&out), "--work-dir", word(&work)];
-    let run = correspond(&a, &b, &words);
-    assert!(run.status.success(), "{}", errors(&run));
+    correspond(&a, &b, &words);
     // It was called no work directory.
     let folder = word(&work);
     let told = |words: &[&str]| {
@@ -329,14 +317,10 @@ fn a_work_directory_of_other_meshes_is_refused() {
     }
     let kept = || std::fs::read(work.join("b/manifest.json")).unwrap();
     let before = kept();
-    let run = correspond(&a, &a, &words);
-    let told = errors(&run);
-    assert!(
-        run.status.code() == Some(1) && told.contains("belongs to another mesh, b.ply") && told.contains("--force"),
-        "{told}"
-    );
+    let all = [&["correspond", word(&a), word(&a)], &words[..]].concat();
+    let told = refused(&all, 1, "belongs to another mesh, b.ply");
+    assert!(told.contains("--force"), "{told}");
     assert_eq!(kept(), before);
-    let run = correspond(&a, &a, &[&words[..], &["--force"]].concat());
-    assert!(run.status.success(), "{}", errors(&run));
+    correspond(&a, &a, &[&words[..], &["--force"]].concat());
     assert_ne!(kept(), before);
 }

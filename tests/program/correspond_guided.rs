@@ -1,7 +1,7 @@
 //! `correspond` with what the user knows, what it writes for other programs, and parts.
 
 use super::correspond_cli::{correspond, files, permuted, read};
-use crate::common::{errors, every_case, in_memory, program, stride, word};
+use crate::common::{every_case, in_memory, ok, refused, stride, word};
 use nystrom_stream::mesh;
 use nystrom_stream::store::{Run, npy};
 use std::fmt::Write;
@@ -13,8 +13,7 @@ fn error(out: &Path, b: &Path, truth: &[u32], dir: &Path) -> serde_json::Value {
     npy::write(&map, truth, 1, false).unwrap();
     let json_to = format!("--json={}", json.display());
     let words = ["evaluate", "-q", "--matches", word(out), "--mesh", word(b), "--truth", word(&map), &json_to];
-    let run = program().args(words).output().unwrap();
-    assert!(run.status.success(), "{}", errors(&run));
+    ok(&words);
     let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
     told["errors"].clone()
 }
@@ -36,14 +35,12 @@ fn landmarks_by_hand_and_maps_to_begin_with_are_starts() {
         }
     }
     std::fs::write(&pairs, text).unwrap();
-    let run = correspond(&a, &b, &["-q", "-o", word(&out), "-o", word(&csv), "--landmarks-file", word(&pairs)]);
-    assert!(run.status.success(), "{}", errors(&run));
+    correspond(&a, &b, &["-q", "-o", word(&out), "-o", word(&csv), "--landmarks-file", word(&pairs)]);
     assert!(error(&out, &b, &truth, dir.path())["mean"].as_f64().unwrap() < 0.02);
     for map in [&csv, &out].into_iter().step_by(stride(2)) {
         let json = file("r.json");
         let json_to = format!("--json={}", json.display());
-        let run = correspond(&a, &b, &["-q", "-o", word(&again), "--initial-map", word(map), &json_to]);
-        assert!(run.status.success(), "{}", errors(&run));
+        correspond(&a, &b, &["-q", "-o", word(&again), "--initial-map", word(map), &json_to]);
         assert!(error(&again, &b, &truth, dir.path())["mean"].as_f64().unwrap() < 0.02);
         let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
         assert_eq!(told["refined"][0]["start"], "map");
@@ -60,8 +57,7 @@ fn functions_their_map_and_points_fit_together() {
     for refine in ["nystrom", "laplacian"] {
         let words = ["-q", "--refine", refine, "-o", word(&out), "--points", word(&points)];
         let more = ["--functional-map", word(&map), "--functions", word(&of_a), word(&of_b)];
-        let run = correspond(&a, &b, &[&words[..], &more].concat());
-        assert!(run.status.success(), "{}", errors(&run));
+        correspond(&a, &b, &[&words[..], &more].concat());
         let [c, of_a, of_b] = [&map, &of_a, &of_b].map(|path| {
             npy::open::<f32>(path)
                 .map(|x| x.to_vec())
@@ -133,8 +129,7 @@ fn a_mesh_with_holes_is_found_in_the_whole_and_the_rest_is_told_as_unmatched() {
     let (out, json) = (dir.path().join("m.npy"), dir.path().join("r.json"));
     let json_to = format!("--json={}", json.display());
     let matched = |a: &Path, b: &Path| {
-        let run = correspond(a, b, &["-q", "--partial", "-o", word(&out), &json_to]);
-        assert!(run.status.success(), "{}", errors(&run));
+        correspond(a, b, &["-q", "--partial", "-o", word(&out), &json_to]);
         let told: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
         let matches = read(&out);
         let none = matches.iter().filter(|one| one.target < 0).count();
@@ -198,12 +193,10 @@ fn wrong_guidance_is_refused_in_a_line() {
         (vec!["--partial", "--functional-map", c], 2, "cannot be used"),
         (vec!["--partial", "--initial-map", out], 2, "cannot be used"),
     ] {
-        let run = correspond(&a, &b, &[&["-q", "-o", out][..], &words].concat());
-        assert_eq!(run.status.code(), Some(code), "{words:?}: {}", errors(&run));
-        assert!(errors(&run).contains(part), "{words:?}: {}", errors(&run));
+        refused(&[&["correspond", word(&a), word(&b), "-q", "-o", out], &words[..]].concat(), code, part);
     }
     // Regression: both meshes were read first.
-    let run = correspond(&a, &b, &["-o", out, "--initial-map", "nowhere.npy"]);
-    let told = errors(&run);
-    assert!(run.status.code() == Some(1) && told.starts_with("nystrom-stream: nowhere.npy: cannot open"), "{told}");
+    let words = ["correspond", word(&a), word(&b), "-o", out, "--initial-map", "nowhere.npy"];
+    let told = refused(&words, 1, "nowhere.npy: cannot open");
+    assert!(told.starts_with("nystrom-stream: nowhere.npy"), "{told}");
 }

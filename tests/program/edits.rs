@@ -1,6 +1,6 @@
 //! Corrections: edits named by places, hints painted on faces, and what is said where they cannot be followed.
 
-use crate::common::{creature, data, errors, in_memory, run, segment, word};
+use crate::common::{creature, data, errors, in_memory, json, ok, refused, run, segment, word};
 use crate::formats::{has_browser, tool};
 use crate::stages::tiny;
 use nystrom_stream::mesh::{self, Labelling, Mesh, read_seg};
@@ -57,16 +57,13 @@ impl Scene {
     fn edited(&self, edits: &Value, more: &[&str]) -> Vec<u32> {
         let (file, out) = (self.file(edits), self.dir.path().join("after.seg"));
         let words = ["cluster", "-q", "--work-dir", word(&self.work), "--edits", word(&file), "-o", word(&out)];
-        let output = run(&[&words, more].concat());
-        assert!(output.status.success(), "{}", errors(&output));
+        ok(&[&words, more].concat());
         read_seg(&out).unwrap()
     }
 
     fn refused(&self, edits: &Value) -> String {
         let file = self.file(edits);
-        let output = run(&["cluster", "-q", "--work-dir", word(&self.work), "--edits", word(&file)]);
-        assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
-        errors(&output)
+        refused(&["cluster", "-q", "--work-dir", word(&self.work), "--edits", word(&file)], 1, "")
     }
 }
 
@@ -325,8 +322,7 @@ fn painted_hints_that_stay_unmet_are_told() {
     let labelling = Labelling { labels: &values, colours: &[[0; 3]; 78], quality: None, names: &[] };
     mesh::write_labelled(&mesh, &painted, &labelling, mesh::PlyForm::Same, &Run::new(&())).unwrap();
     let told = |more: &[&str]| {
-        let output = run(&[&["segment", word(&painted), "-k", "9", "-o", word(&out)], more].concat());
-        assert!(output.status.success(), "{}", errors(&output));
+        let output = ok(&[&["segment", word(&painted), "-k", "9", "-o", word(&out)], more].concat());
         errors(&output)
     };
     let all = told(&["--hints", "label"]);
@@ -368,8 +364,7 @@ fn refused_edits_leave_the_labels_that_are_there() {
     ]);
     assert!(scene.refused(&edits).contains("edit 2 (split): the part has"));
     let again = scene.dir.path().join("again.seg");
-    let output = run(&["export", "-q", "--work-dir", word(&scene.work), "-o", word(&again)]);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&["export", "-q", "--work-dir", word(&scene.work), "-o", word(&again)]);
     assert_eq!(read_seg(&again).unwrap(), merged);
     assert!(!scene.work.join("seen.tmp").exists());
 }
@@ -405,8 +400,7 @@ fn an_exported_page_knows_the_edits_of_its_labels() {
     let scene = scene(5_000);
     scene.edited(&json!([{"edit": "split", "at": scene.place(0), "into": 3}]), &[]);
     let page = scene.dir.path().join("later.html");
-    let output = run(&["export", "-q", "--work-dir", word(&scene.work), "-o", word(&page)]);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&["export", "-q", "--work-dir", word(&scene.work), "-o", word(&page)]);
     let text = std::fs::read_to_string(&page).unwrap();
     assert!(text.contains(r#""edit":"split""#) && text.contains(r#""into":3"#));
 }
@@ -427,9 +421,7 @@ fn clicks_on_a_page_become_labels_of_all_faces() {
         tool("check-page", &[&page, &seen]);
         let edits = seen.join("edits.json");
         let words = ["cluster", "--work-dir", word(&work), "--edits", word(&edits), "-o", word(&out), "-o", word(&ply)];
-        let output = run(&[&words[..], &["--json"]].concat());
-        assert!(output.status.success(), "{}", errors(&output));
-        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let report = json(&[&words[..], &["--json"]].concat());
         let told: Value = serde_json::from_slice(&std::fs::read(seen.join("page-seen.json")).unwrap()).unwrap();
         let labels = read_seg(&out).unwrap();
         let (parts_told, shown) = (report["parts"].as_array().unwrap(), told["shares"].as_array().unwrap());
@@ -479,7 +471,7 @@ fn names_go_into_every_output() {
     assert!(path("parts/part_003_left_leg.ply").is_file() && path("parts/part_001.ply").is_file());
     assert!(text("parts/parts.json").contains("\"name\": \"body: all of it\""));
     // The work directory forgot them.
-    assert!(run(&["export", "-q", "--work-dir", word(&work), "-o", word(&path("again.ply"))]).status.success());
+    ok(&["export", "-q", "--work-dir", word(&work), "-o", word(&path("again.ply"))]);
     assert!(text("again.ply") == text("a.ply"));
     // Labelled again without names, the old ones are gone; with others, they are replaced.
     segment(&path("a.ply"), &["-q", "-k", "9", "-o", word(&path("b.ply"))]);
@@ -528,8 +520,7 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     Mesh::from_slices(&turned, &faces).unwrap().save(path("scans/moved.ply"), labelling).unwrap();
     let (out, report) = (path("{}.like.ply"), format!("--json={}", path("all.json").display()));
     let (scans, reference_mesh) = (path("scans"), path("reference.ply"));
-    let output = run(&["segment", word(&scans), "--like", word(&reference_mesh), "-o", word(&out), &report]);
-    assert!(output.status.success(), "{}", errors(&output));
+    let output = ok(&["segment", word(&scans), "--like", word(&reference_mesh), "-o", word(&out), &report]);
     let all: Value = serde_json::from_slice(&std::fs::read(path("all.json")).unwrap()).unwrap();
     let of = |name: &str| {
         all.as_array().unwrap().iter().find(|one| one["input"]["path"].as_str().unwrap().contains(name)).unwrap()
@@ -564,8 +555,7 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     let (near, work, out) = (path("scans/creature_6000.ply"), path("near.work"), path("near.ply"));
     let words = ["-q", "--like", word(&reference_mesh), "--work-dir", word(&work), "-o", word(&out)];
     segment(&near, &words);
-    let output = run(&["export", "--work-dir", word(&work), "-q", "-o", word(&path("kept.ply"))]);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&["export", "--work-dir", word(&work), "-q", "-o", word(&path("kept.ply"))]);
     let bytes = |name: &str| std::fs::read(path(name)).unwrap();
     assert!(bytes("kept.ply") == bytes("near.ply") && bytes("near.ply") == bytes("creature_6000.like.ply"));
     let output = run(&["segment", word(&scene.mesh), "--like", word(&scene.mesh)]);
@@ -576,9 +566,11 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     labels[0] = 20_000_000;
     let odd = path("odd.ply");
     reference.save(&odd, Labelling { labels: &labels, colours: &[], quality: None, names: &[] }).unwrap();
-    let output = run(&["segment", word(&near), "--like", word(&odd), "-q", "--max-memory", "1GiB"]);
-    assert_eq!(output.status.code(), Some(1));
-    assert!(errors(&output).contains("the reference's greatest label"), "{}", errors(&output));
+    refused(
+        &["segment", word(&near), "--like", word(&odd), "-q", "--max-memory", "1GiB"],
+        1,
+        "the reference's greatest label",
+    );
 }
 
 /// The edits of one mesh are carried to another: it needs no labels then, and neither does the file of edits fit the other mesh.
@@ -593,8 +585,7 @@ fn edits_of_a_reference_are_carried_to_others() {
     let (file, out) = (scene.file(&edits), scene.dir.path().join("{}.like.ply"));
     let words = ["segment", word(&scans), "--like", word(&scene.mesh), "--edits", word(&file), "-o", word(&out)];
     let report = scene.dir.path().join("all.json");
-    let output = run(&[&words[..], &[&format!("--json={}", report.display())]].concat());
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&[&words[..], &[&format!("--json={}", report.display())]].concat());
     let all: Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
     let expected = scene.edited(&edits, &["--json=-"]);
     let found = all[0]["parts"].as_array().unwrap();
@@ -686,8 +677,7 @@ fn specks_with_a_label_of_their_own_are_no_part() {
     assert!(told.contains("edit 1 (drop): one of its places is on tiny components"), "{told}");
     let report = |name: &str, more: &[&str]| -> Value {
         let (out, json) = (path(name), format!("--json={}", word(&path("report.json"))));
-        let output = run(&[&words[..], &["-o", word(&out), &json], more].concat());
-        assert!(output.status.success(), "{}", errors(&output));
+        ok(&[&words[..], &["-o", word(&out), &json], more].concat());
         serde_json::from_slice(&std::fs::read(path("report.json")).unwrap()).unwrap()
     };
     report("reference.ply", &["-k", "3"]);

@@ -1,6 +1,6 @@
 //! Outputs in other programs' forms: read back here, and opened with the programs themselves where those are there.
 
-use crate::common::{self, errors, word};
+use crate::common::{self, errors, ok, refused, word};
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::store::Run;
 use std::collections::BTreeMap;
@@ -69,7 +69,7 @@ fn every_form_opens_in_the_programs_people_use() {
         common::segment(mesh, &words);
         let ascii = folder.join("ascii.ply");
         let words = ["export", "-q", "--work-dir", word(&work), "--ply-form", "ascii", "-o", word(&ascii)];
-        assert!(common::run(&words).status.success());
+        ok(&words);
         tool("check_formats.py", &[mesh, &folder, Path::new("10")]);
     }
 }
@@ -88,8 +88,7 @@ fn parts_arrive_in_other_programs_as_the_page_on_formats_says() {
     common::segment(&data.join("real/kitten_25k.ply"), &words);
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tools/check_programs.py");
     let export = |way: &str| {
-        let output = common::run(&["export", "-q", "--work-dir", &work, way, "-o", &file("out.ply")]);
-        assert!(output.status.success(), "{}", errors(&output));
+        ok(&["export", "-q", "--work-dir", &work, way, "-o", &file("out.ply")]);
     };
     export("--split-vertices");
     let meshes = ["blender", "cloudcompare", "open3d", "pyvista", "trimesh"];
@@ -152,8 +151,7 @@ fn matches_open_in_pyarrow() {
     // Mutual, so that some have none.
     let words =
         ["correspond", "-q", word(&mesh), word(&mesh), "-l", "9", "--mutual", "-o", word(&table), "-o", word(&array)];
-    let output = common::run(&words);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&words);
     let script = "import sys, numpy, pyarrow.parquet\n\
                   table = pyarrow.parquet.read_table(sys.argv[1])\n\
                   array = numpy.load(sys.argv[2])\n\
@@ -273,8 +271,7 @@ fn pages_have_cuts_from_every_command() {
     common::segment(&mesh, &["-q", "-k", "4", "--work-dir", word(&work), "-o", word(&page)]);
     assert!(cuts());
     let run = |words: &[&str]| {
-        let output = common::run(&[words, &["-q", "--work-dir", word(&work), "-o", word(&page)]].concat());
-        assert!(output.status.success(), "{}", errors(&output));
+        ok(&[words, &["-q", "--work-dir", word(&work), "-o", word(&page)]].concat());
     };
     run(&["cluster", "-k", "5"]);
     assert!(cuts());
@@ -426,7 +423,5 @@ fn capped_parts_are_solids_whose_volumes_add_up() {
         // Where three parts meet, caps leave something out.
         assert!(parts == "8" || (sum / whole - 1.).abs() < 1e-6, "{more:?}: {sum} of {whole}");
     }
-    let output = common::run(&["segment", word(&mesh), "--cap", "-o", "x.glb"]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(errors(&output).contains("--cap requires a folder of parts"), "{}", errors(&output));
+    refused(&["segment", word(&mesh), "--cap", "-o", "x.glb"], 2, "--cap requires a folder of parts");
 }

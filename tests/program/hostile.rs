@@ -1,7 +1,7 @@
 //! Files made to do harm: names that a terminal obeys or a browser runs, headers that promise too much, links in the place of
 //! files to be written.
 
-use crate::common::{creature, errors, every_case, in_memory, run, word};
+use crate::common::{creature, errors, every_case, in_memory, ok, run, word};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -88,7 +88,7 @@ fn headers_that_promise_too_much_are_refused() {
         assert!(!said.contains("internal") && !out.exists(), "{name}: {said}");
     }
     let harmless = ply(dir.path(), "harmless.ply", &many("comment\n", 100_000), "1");
-    assert!(run(&["segment", word(&harmless), "-q", "-o", word(&out)]).status.success());
+    ok(&["segment", word(&harmless), "-q", "-o", word(&out)]);
 }
 
 /// A link planted under the name of a file that is to be written had its target overwritten.
@@ -109,8 +109,7 @@ fn links_in_the_place_of_outputs_are_not_followed() {
     let path = |name: &str| dir.path().join(name);
     let (seg, glb, json) = (path("out.seg"), path("out.glb"), format!("--json={}", word(&path("out.json"))));
     let words = ["segment", word(&mesh), "-q", "-o", word(&seg), "-o", word(&glb), &json];
-    let output = run(&[&words[..], &["--work-dir", word(&work)]].concat());
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&[&words[..], &["--work-dir", word(&work)]].concat());
     assert_eq!(std::fs::read_to_string(&precious).unwrap(), "kept");
     assert!(["out.seg", "out.glb", "out.json"].iter().all(|name| path(name).symlink_metadata().unwrap().is_file()));
 }
@@ -131,8 +130,7 @@ fn outputs_replace_what_was_there_and_are_not_written_into_it() {
     let mut words = vec!["segment", word(&mesh), "-q", &json, "--work-dir", word(&work)];
     outputs.iter().for_each(|output| words.extend(["-o", word(output)]));
     for words in [words, vec!["export", "--work-dir", word(&work), "-q", "--tree", word(&path("tree.json"))]] {
-        let output = run(&words);
-        assert!(output.status.success(), "{}", errors(&output));
+        ok(&words);
     }
     assert_eq!(std::fs::read_to_string(&before).unwrap(), "kept");
     for name in names {
@@ -150,7 +148,7 @@ fn a_stray_vertex_does_not_decide_other_commands() {
     assert!(bytes.windows(header.len()).any(|window| window == header), "a vertex is three floats");
     let start = bytes.windows(11).position(|window| window == b"end_header\n").unwrap() + 11;
     let labels = dir.path().join("whole.seg");
-    assert!(run(&["segment", word(&whole), "-q", "-o", word(&labels)]).status.success());
+    ok(&["segment", word(&whole), "-q", "-o", word(&labels)]);
     // Refining takes most of the time.
     let refine = if every_case() { "nystrom" } else { "none" };
     let outputs = |distance: f32| {
@@ -168,8 +166,7 @@ fn a_stray_vertex_does_not_decide_other_commands() {
             vec!["correspond", word(&whole), word(&mesh), "--refine", refine, "-o", word(&map)],
             vec!["transfer-labels", word(&whole), word(&mesh), "--labels", word(&labels), "-o", word(&carried)],
         ] {
-            let output = run(&words);
-            assert!(output.status.success(), "{words:?}: {}", errors(&output));
+            ok(&words);
         }
         [picture, map, carried].map(|path| std::fs::read(path).unwrap())
     };

@@ -1,6 +1,6 @@
 //! `info` and `plan` of mesh files: what a header promises, and what is said of files without faces.
 
-use crate::common::{errors, in_memory, run, word};
+use crate::common::{errors, in_memory, ok, refused, run, word};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -55,7 +55,7 @@ fn a_file_under_the_name_of_another_format_is_told_as_such() {
         assert!(output.status.code() == Some(1) && is_right && told.lines().count() == 1, "{told}");
         let renamed = dir.path().join(format!("mesh{ending}"));
         std::fs::rename(&mesh, &renamed).unwrap();
-        assert!(run(&["info", word(&renamed)]).status.success());
+        ok(&["info", word(&renamed)]);
     }
 }
 
@@ -100,16 +100,13 @@ fn what_else_a_header_lacks_is_told_apart() {
     let dir = in_memory();
     let faces = "element face 1\nproperty list uchar int vertex_indices\n";
     let text = format!("ply\nformat ascii 1.0\n{faces}end_header\n3 0 1 2\n");
-    let output = run(&["plan", word(&write(dir.path(), "faces.ply", &text))]);
-    assert_eq!(output.status.code(), Some(1));
-    assert!(errors(&output).contains("there is no vertex element"), "{}", errors(&output));
+    refused(&["plan", word(&write(dir.path(), "faces.ply", &text))], 1, "there is no vertex element");
     let strips = TETRAHEDRON.split("element face").next().unwrap().to_string()
         + "element face 0\nproperty list uchar int vertex_indices\nelement tristrips 1\n\
            property list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n4 0 1 2 3\n";
     let mesh = write(dir.path(), "strips.ply", &strips);
     for command in ["info", "plan"] {
-        let output = run(&[command, word(&mesh)]);
-        assert!(output.status.success(), "{command}: {}", errors(&output));
+        ok(&[command, word(&mesh)]);
     }
 }
 
@@ -163,8 +160,7 @@ fn info_measures_a_mesh_of_any_format() {
     let ply = write(dir.path(), "tetrahedron.ply", TETRAHEDRON);
     let obj = write(dir.path(), "square.obj", "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nf 1 2 3 4\n");
     let told = |words: &[&str]| {
-        let output = run(words);
-        assert!(output.status.success(), "{}", errors(&output));
+        let output = ok(words);
         String::from_utf8(output.stdout).unwrap()
     };
     let text = told(&["info", word(&ply)]);
@@ -202,8 +198,7 @@ fn a_decoded_mesh_is_listed_with_the_files_of_its_work_directory() {
     let dir = in_memory();
     let mesh = write(dir.path(), "tetrahedron.ply", TETRAHEDRON);
     let work = dir.path().join("work");
-    let made = run(&["graph", word(&mesh), "--work-dir", word(&work), "-q"]);
-    assert!(made.status.success(), "{}", errors(&made));
+    ok(&["graph", word(&mesh), "--work-dir", word(&work), "-q"]);
     let text = String::from_utf8(run(&["info", word(&work)]).stdout).unwrap();
     let json: serde_json::Value = serde_json::from_slice(&run(&["info", word(&work), "--json"]).stdout).unwrap();
     let mut total = 0;

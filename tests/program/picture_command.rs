@@ -1,13 +1,8 @@
 //! `picture` and `segment -o x.png` from the command line.
 
-use crate::common::{errors, in_memory, program, run, word, zoo};
+use crate::common::{errors, in_memory, ok, program, run, word, zoo};
 use nystrom_stream::apps::colours::palette;
 use std::path::Path;
-
-fn succeeds(words: &[&str]) {
-    let output = run(words);
-    assert!(output.status.success(), "{words:?}: {}", errors(&output));
-}
 
 /// A tetrahedron with labels and colours on its faces.
 fn labelled(path: &Path) {
@@ -33,15 +28,15 @@ fn labelled_meshes_become_pictures() {
     let dir = in_memory();
     let mesh = dir.path().join("m.ply");
     labelled(&mesh);
-    succeeds(&["picture", "-q", word(&mesh)]);
+    ok(&["picture", "-q", word(&mesh)]);
     assert_eq!(facts(&dir.path().join("m.png")), (1600, 1200, 3));
     let out = dir.path().join("o.png");
     let options = ["--size", "320x200", "--views", "4", "--transparent", "--up", "-z", "-o", word(&out)];
-    succeeds(&[&["picture", word(&mesh)], &options[..]].concat());
+    ok(&[&["picture", word(&mesh)], &options[..]].concat());
     assert_eq!(facts(&out), (320, 200, 4));
     let labels = dir.path().join("l.seg");
     std::fs::write(&labels, "0\n1\n2\n3\n").unwrap();
-    succeeds(&["picture", word(&mesh), "--size=64x64", "-o", word(&out), "--labels", word(&labels)]);
+    ok(&["picture", word(&mesh), "--size=64x64", "-o", word(&out), "--labels", word(&labels)]);
     assert_eq!(facts(&out), (64, 64, 3));
     // Nothing temporary stays behind.
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 4);
@@ -162,7 +157,7 @@ fn meshes_of_any_size_are_drawn_and_measured() {
         let mut shape = zoo::grid(9);
         shape.vertices.iter_mut().flatten().for_each(|x| *x *= 10f64.powi(exponent));
         let (mesh, out, table) = (shape.write(dir.path()), dir.path().join("o.png"), dir.path().join("t.csv"));
-        succeeds(&["segment", "-q", "-k", "2", word(&mesh), "-o", word(&out), "-o", word(&table)]);
+        ok(&["segment", "-q", "-k", "2", word(&mesh), "-o", word(&out), "-o", word(&table)]);
         assert_eq!(facts(&out), (1600, 1200, 3));
         let text = std::fs::read_to_string(&table).unwrap();
         let areas = text.lines().skip(1).map(|row| row.split(',').nth(2).unwrap().parse::<f64>().unwrap());
@@ -225,6 +220,6 @@ fn segment_writes_a_picture() {
     let mesh = dir.path().join("m.ply");
     labelled(&mesh);
     let out = dir.path().join("o.png");
-    succeeds(&["segment", "-q", "-k", "2", word(&mesh), "-o", word(&out)]);
+    ok(&["segment", "-q", "-k", "2", word(&mesh), "-o", word(&out)]);
     assert_eq!(facts(&out), (1600, 1200, 3));
 }

@@ -1,7 +1,7 @@
 //! In other people's pipelines: progress for programs, readers that go away, help, completions, man pages, and option
 //! combinations that are refused.
 
-use crate::common::{self, errors, program, run, word, zoo};
+use crate::common::{self, errors, ok, program, refused, run, word, zoo};
 use serde_json::Value;
 use std::io::Read;
 use std::process::Stdio;
@@ -78,9 +78,7 @@ fn misspelt_options_are_suggested() {
         (&["segment", "x.ply", "--cluster", "kmean"], "kmeans"),
         (&["sgment", "x.ply"], "segment"),
     ] {
-        let output = run(words);
-        assert_eq!(output.status.code(), Some(2));
-        assert!(errors(&output).contains(meant), "{words:?}: {}", errors(&output));
+        refused(words, 2, meant);
     }
 }
 
@@ -108,9 +106,7 @@ fn combinations_that_would_be_ignored_are_refused() {
         (&["--quiet", "--progress", "json"], "cannot be used with"),
         (&["--delta", "0.1"], "--delta can only be used with --metric paper"),
     ] {
-        let output = run(&[&["segment", mesh], words].concat());
-        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", errors(&output));
-        assert!(errors(&output).contains(told), "{words:?}: {}", errors(&output));
+        refused(&[&["segment", mesh], words].concat(), 2, told);
     }
     // These were taken without a word, and had no effect.
     let labels = ["evaluate", "a.seg", "--truth", "b.seg", "--plot", "x.svg"];
@@ -155,8 +151,7 @@ fn completions_and_man_pages_know_every_option() {
     // Regression: the folder was shown as optional.
     assert!(String::from_utf8_lossy(&run(&["help", "man"]).stdout).contains("man <DIR>"));
     assert!(run(&["man"]).status.code() == Some(2) && errors(&run(&["man"])).contains("DIR: missing"));
-    let output = run(&["man", word(&dir.path().join("man"))]);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&["man", word(&dir.path().join("man"))]);
     for command in ["segment", "graph", "rows", "embed", "cluster", "export", "evaluate", "picture", "demo"] {
         let help = String::from_utf8(run(&[command, "--help"]).stdout).unwrap();
         let page = std::fs::read_to_string(dir.path().join(format!("man/nystrom-stream-{command}.1"))).unwrap();
@@ -186,8 +181,7 @@ fn a_pipe_is_read_once() {
     for words in [&["segment", word(&pipe), "-q", "-o", word(&out)][..], &["info", word(&pipe)]] {
         let (from, to) = (mesh.clone(), pipe.clone());
         let writer = std::thread::spawn(move || std::fs::copy(from, to).unwrap());
-        let output = run(words);
-        assert!(output.status.success(), "{words:?}: {}", errors(&output));
+        ok(words);
         writer.join().unwrap();
     }
     common::segment(&mesh, &["-q", "-o", word(&direct)]);
@@ -205,8 +199,7 @@ fn numbers_of_landmarks_of_embeddings_are_of_all_meshes() {
     let large = common::creature(dir.path(), 500, false);
     for meshes in [[&small, &large], [&large, &small]] {
         let [a, b] = meshes.map(|mesh| word(mesh));
-        let output = run(&["quality", a, b, "--embedding", "-l", "8", "-q"]);
-        assert!(output.status.success(), "{}", errors(&output));
+        let output = ok(&["quality", a, b, "--embedding", "-l", "8", "-q"]);
         let text = String::from_utf8(output.stdout).unwrap();
         assert!(text.lines().nth(1).is_some_and(|row| row.starts_with("  4-8 ")), "{text}");
     }

@@ -1,6 +1,6 @@
 //! `plot`: charts from a work directory, a report, a hierarchy; and what it refuses.
 
-use crate::common::{self, errors, word};
+use crate::common::{self, errors, ok, word};
 use std::path::Path;
 
 fn plot(folder: &Path, words: &str) -> (i32, String) {
@@ -45,7 +45,7 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
     assert_eq!(text(dir.path(), "r.svg"), text(dir.path(), "e.svg"));
     let tree = dir.path().join("tree.json");
     let words = ["export", "-q", "--work-dir", word(&work), "--tree", word(&tree)];
-    assert!(common::run(&words).status.success());
+    ok(&words);
     assert_eq!(plot(dir.path(), "tree.json --tree again.svg -k 3").0, 0);
     assert!(text(dir.path(), "again.svg").contains("tree: 3 parts, as requested"));
     assert_eq!(plot(dir.path(), "tree.json --tree one.svg --detail -1").0, 0);
@@ -54,7 +54,7 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
     assert_eq!(plot(dir.path(), "tree.json --tree fewer.svg --detail -.5").0, 0);
 
     // Another number of parts is drawn as the work directory has it.
-    assert!(common::run(&["cluster", "-q", "--work-dir", word(&work), "-k", "4"]).status.success());
+    ok(&["cluster", "-q", "--work-dir", word(&work), "-k", "4"]);
     assert_eq!(plot(dir.path(), "work --tree four.svg").0, 0);
     assert!(text(dir.path(), "four.svg").contains("4 parts, as requested"));
 
@@ -89,7 +89,7 @@ fn k_means_keeps_its_eigenvalues_in_the_report_only() {
     assert!(code == 1 && err.contains("embed"), "{err}");
     let (code, err) = plot(dir.path(), "work --tree t.svg");
     assert!(code == 1 && err.contains("no hierarchy"), "{err}");
-    assert!(common::run(&["embed", "-q", "--work-dir", word(&work)]).status.success());
+    ok(&["embed", "-q", "--work-dir", word(&work)]);
     assert_eq!(plot(dir.path(), "work --eigenvalues e.svg").0, 0);
 }
 
@@ -123,7 +123,7 @@ fn colours_of_edited_parts_are_not_those_of_the_hierarchys_cut() {
     });
     std::fs::write(&edits, split.to_string()).unwrap();
     let words = ["cluster", "-q", "--work-dir", word(&work), "--edits", word(&edits), "-o", word(&out)];
-    assert!(common::run(&words).status.success());
+    ok(&words);
     assert_eq!(plot(dir.path(), "work --tree edited.svg").0, 0);
     assert_eq!(plot(dir.path(), "work --tree plain.svg --detail 0").0, 0);
     assert_eq!(text(dir.path(), "edited.svg"), text(dir.path(), "plain.svg"));

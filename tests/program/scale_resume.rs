@@ -1,33 +1,19 @@
 //! Runs that are killed, resumed, shared out, damaged: the same bytes or a clear error, never a wrong label.
 
-use crate::common::every_case;
-use nystrom_stream::apps::creature::{Creature, Options};
+use crate::common::{self, every_case, ok, word};
 use nystrom_stream::base::random::{below, stream};
-use nystrom_stream::store::Run;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 fn creature(folder: &Path, faces: u64) -> PathBuf {
-    let path = folder.join("creature.ply");
-    Creature::new(&Options { faces, ..Options::default() }).unwrap().write_ply(&path, &Run::new(&())).unwrap();
-    path
+    common::creature(folder, faces, false)
 }
 
 fn program(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_nystrom-stream"));
+    let mut command = common::program();
     command.args(arguments).stdin(Stdio::null());
     command
-}
-
-fn ok(arguments: &[&str]) -> Output {
-    let output = program(arguments).output().unwrap();
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    output
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
 }
 
 #[test]
@@ -44,8 +30,8 @@ fn killed_at_any_moment_and_resumed_gives_the_same_bytes() {
 
 /// Kills a run of K-means three times and ends it, `times` times, and compares its labels and its `rows` with those of a whole run.
 fn killed_and_resumed(options: &[&str], (mesh, out, work): (&Path, &Path, &Path), rows_file: &str, times: usize) {
-    let task = ["segment", text(mesh), "-k", "6", "-l", "10", "--cluster", "kmeans"];
-    let arguments = [&task[..], &["--work-dir", text(work), "-o", text(out)], options].concat();
+    let task = ["segment", word(mesh), "-k", "6", "-l", "10", "--cluster", "kmeans"];
+    let arguments = [&task[..], &["--work-dir", word(work), "-o", word(out)], options].concat();
     let start = Instant::now();
     ok(&arguments);
     let whole = start.elapsed();
@@ -65,7 +51,7 @@ fn killed_and_resumed(options: &[&str], (mesh, out, work): (&Path, &Path, &Path)
         ok(&arguments);
         assert!(std::fs::read(out).unwrap() == expected);
         assert!(std::fs::read(work.join(rows_file)).unwrap() == rows);
-        ok(&["verify", text(work)]);
+        ok(&["verify", word(work)]);
         let left: Vec<String> = std::fs::read_dir(work)
             .unwrap()
             .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -80,12 +66,12 @@ fn rows_are_taken_over_one_by_one_and_torn_ones_are_not() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = creature(dir.path(), 20_000);
     let work = dir.path().join("work");
-    let arguments = ["rows", text(&mesh), "-k", "6", "-l", "8", "--cluster", "kmeans", "--work-dir", text(&work)];
+    let arguments = ["rows", word(&mesh), "-k", "6", "-l", "8", "--cluster", "kmeans", "--work-dir", word(&work)];
     ok(&arguments);
     let rows = std::fs::read(work.join("distances.npy")).unwrap();
     // As a killed run would have left it: made from a shard that is the whole.
     let other = dir.path().join("other");
-    let shard = ["rows", text(&mesh), "-k", "6", "-l", "8", "--cluster", "kmeans", "--work-dir", text(&other)];
+    let shard = ["rows", word(&mesh), "-k", "6", "-l", "8", "--cluster", "kmeans", "--work-dir", word(&other)];
     ok(&[&shard[..], &["--shard", "0/1"]].concat());
     let journal = std::fs::read_to_string(other.join("rows-0-of-1.journal")).unwrap();
     let lines: Vec<&str> = journal.lines().collect();
@@ -108,9 +94,9 @@ fn a_shard_of_another_division_is_no_hindrance() {
     let dir = tempfile::tempdir().unwrap();
     let (mesh, work) = (creature(dir.path(), 4_000), dir.path().join("work"));
     for shard in ["0/3", "1/3", "2/3", "1/2"] {
-        ok(&["rows", text(&mesh), "-q", "-l", "8", "--work-dir", text(&work), "--shard", shard]);
+        ok(&["rows", word(&mesh), "-q", "-l", "8", "--work-dir", word(&work), "--shard", shard]);
     }
-    ok(&["merge", text(&work), "-q"]);
+    ok(&["merge", word(&work), "-q"]);
     let names = std::fs::read_dir(&work).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
     assert_eq!(names.filter(|name| name.contains("-of-")).count(), 0);
 }
@@ -123,21 +109,21 @@ fn shards_and_merge_are_one_process_byte_for_byte() {
         let (one, many) = (dir.path().join(format!("one-{method}")), dir.path().join(format!("many-{method}")));
         let rows = |work: &Path, more: &[&str]| {
             let arguments =
-                ["rows", text(&mesh), "-k", "6", "-l", "7", "--cluster", method, "-q", "--work-dir", text(work)];
+                ["rows", word(&mesh), "-k", "6", "-l", "7", "--cluster", method, "-q", "--work-dir", word(work)];
             program(&[&arguments[..], more].concat())
         };
         assert!(rows(&one, &[]).status().unwrap().success());
         let children: Vec<_> =
             ["0/3", "1/3", "2/3"].map(|shard| rows(&many, &["--shard", shard]).spawn().unwrap()).into();
         assert!(children.into_iter().all(|mut child| child.wait().unwrap().success()));
-        ok(&["merge", text(&many)]);
+        ok(&["merge", word(&many)]);
         for file in ["distances.npy", "landmarks.npy"] {
             assert!(std::fs::read(one.join(file)).unwrap() == std::fs::read(many.join(file)).unwrap(), "{file}");
         }
         let out = dir.path().join("labels.npy");
         let output = ok(&[
             "segment",
-            text(&mesh),
+            word(&mesh),
             "-k",
             "6",
             "-l",
@@ -145,22 +131,22 @@ fn shards_and_merge_are_one_process_byte_for_byte() {
             "--cluster",
             method,
             "--work-dir",
-            text(&many),
+            word(&many),
             "-o",
-            text(&out),
+            word(&out),
         ]);
         assert!(String::from_utf8_lossy(&output.stderr).contains("rows: reused"));
         // Once more, as a scheduler would that did not learn how it ended.
         let told = |output: Output| String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(told(ok(&["merge", text(&many)])).contains("already done"));
-        let shard = ["rows", text(&mesh), "-k", "6", "-l", "7", "--cluster", method, "--work-dir", text(&many)];
+        assert!(told(ok(&["merge", word(&many)])).contains("already done"));
+        let shard = ["rows", word(&mesh), "-k", "6", "-l", "7", "--cluster", method, "--work-dir", word(&many)];
         let told = told(ok(&[&shard[..], &["--shard", "1/3"]].concat()));
         assert!(told.contains("is already merged") && !many.join("rows-1-of-3.npy").exists(), "{told}");
     }
     let work = dir.path().join("half");
-    let half = ["rows", text(&mesh), "-k", "6", "--cluster", "kmeans", "--work-dir", text(&work), "--shard", "1/3"];
+    let half = ["rows", word(&mesh), "-k", "6", "--cluster", "kmeans", "--work-dir", word(&work), "--shard", "1/3"];
     ok(&half);
-    let merged = program(&["merge", text(&work)]).output().unwrap();
+    let merged = program(&["merge", word(&work)]).output().unwrap();
     let said = String::from_utf8_lossy(&merged.stderr);
     assert!(!merged.status.success() && said.contains("rows-0-of-3.npy") && said.lines().count() == 1, "{said}");
 }
@@ -174,14 +160,14 @@ fn shares_of_k_means_are_one_process_byte_for_byte() {
     let mesh = creature(dir.path(), 62_000);
     let (work, out, expected) = (dir.path().join("work"), dir.path().join("out.seg"), dir.path().join("one.seg"));
     let method = ["-k", "5", "--cluster", "kmeans"];
-    ok(&[&["segment", text(&mesh), "-q", "-o", text(&expected)], &method[..]].concat());
-    let place = ["--work-dir", text(&work)];
+    ok(&[&["segment", word(&mesh), "-q", "-o", word(&expected)], &method[..]].concat());
+    let place = ["--work-dir", word(&work)];
     for step in STEPS {
         for shard in ["1/2", "0/2"] {
-            ok(&[&["share", step, text(&mesh), "-q", "--shard", shard], &place[..], &method].concat());
+            ok(&[&["share", step, word(&mesh), "-q", "--shard", shard], &place[..], &method].concat());
         }
     }
-    let output = ok(&[&["segment", text(&mesh), "-o", text(&out)], &place[..], &method].concat());
+    let output = ok(&[&["segment", word(&mesh), "-o", word(&out)], &place[..], &method].concat());
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("coarser mesh: reused") && said.contains("bands: combined from 2 shares"), "{said}");
     assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
@@ -192,7 +178,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
     let dir = tempfile::tempdir().unwrap();
     let mesh = creature(dir.path(), 62_000);
     let (one, expected) = (dir.path().join("one"), dir.path().join("one.seg"));
-    ok(&["segment", text(&mesh), "-q", "--work-dir", text(&one), "-o", text(&expected)]);
+    ok(&["segment", word(&mesh), "-q", "--work-dir", word(&one), "-o", word(&expected)]);
     let told = |output: &Output| String::from_utf8_lossy(&output.stderr).into_owned();
     let shared = |work: &Path| -> Vec<String> {
         let names = |folder: &Path| std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
@@ -203,7 +189,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
     for of in [3, 2, 1].into_iter().take(if every_case() { 3 } else { 2 }) {
         let (work, out) = (dir.path().join(format!("work-{of}")), dir.path().join("many.seg"));
         let share = |step: &str, more: &[&str]| {
-            ok(&[&["share", step, text(&mesh), "--work-dir", text(&work), "--json"], more].concat())
+            ok(&[&["share", step, word(&mesh), "--work-dir", word(&work), "--json"], more].concat())
         };
         for step in STEPS {
             if of == 2 {
@@ -233,7 +219,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
                 assert_eq!(again.contains("is already done"), k > 0 && k + 1 < shards.len(), "{again}");
             }
         }
-        let output = ok(&["segment", text(&mesh), "--work-dir", text(&work), "-o", text(&out)]);
+        let output = ok(&["segment", word(&mesh), "--work-dir", word(&work), "-o", word(&out)]);
         let said = told(&output);
         assert!(said.contains("edge weights: reused") && said.contains("decision: reused"), "{said}");
         for front in ["depths", "bands"] {
@@ -248,7 +234,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
             assert!(same_bytes(&one, &work, &format!("contracted/{file}.npy")), "{file}");
         }
         assert_eq!(shared(&work), [""; 0]);
-        ok(&["verify", text(&work)]);
+        ok(&["verify", word(&work)]);
         // A scheduler that did not learn how a share ended.
         for step in STEPS {
             let again = told(&share(step, &["--shard", &format!("0/{of}")]));
@@ -257,9 +243,9 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
     }
     // Of an unfinished division nothing is taken.
     let (work, out) = (dir.path().join("half"), dir.path().join("half.seg"));
-    let half = |step| told(&ok(&["share", step, text(&mesh), "--work-dir", text(&work), "--shard", "1/2"]));
+    let half = |step| told(&ok(&["share", step, word(&mesh), "--work-dir", word(&work), "--shard", "1/2"]));
     let said =
-        STEPS.map(half).concat() + &told(&ok(&["segment", text(&mesh), "--work-dir", text(&work), "-o", text(&out)]));
+        STEPS.map(half).concat() + &told(&ok(&["segment", word(&mesh), "--work-dir", word(&work), "-o", word(&out)]));
     for what in [
         "normals_02: not all 2",
         "coarser mesh: not all 2",
@@ -275,7 +261,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
     std::fs::create_dir(&small).unwrap();
     let small = creature(&small, 1_000);
     for step in STEPS {
-        let place = ["share", step, text(&small), "--work-dir", text(&dir.path().join("little"))].map(String::from);
+        let place = ["share", step, word(&small), "--work-dir", word(&dir.path().join("little"))].map(String::from);
         let words = |more: &[&str]| -> Vec<String> {
             place.iter().cloned().chain(more.iter().map(|word| word.to_string())).collect()
         };
@@ -293,7 +279,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
     }
     for step in STEPS {
         let work = dir.path().join("many");
-        let many = ["share", step, text(&mesh), "-q", "--work-dir", text(&work), "--shard", "0/50000"];
+        let many = ["share", step, word(&mesh), "-q", "--work-dir", word(&work), "--shard", "0/50000"];
         assert_eq!(program(&many).output().unwrap().status.code(), Some(2), "{step}");
     }
 }
@@ -312,7 +298,7 @@ fn shards_take_no_weights_of_other_options() {
     let mesh = creature(dir.path(), 5_000);
     let (one, many) = (dir.path().join("one"), dir.path().join("many"));
     let rows = |work: &Path, more: &[&str]| {
-        let arguments = ["rows", text(&mesh), "-l", "6", "--work-dir", text(work), "--json"];
+        let arguments = ["rows", word(&mesh), "-l", "6", "--work-dir", word(work), "--json"];
         serde_json::from_slice::<serde_json::Value>(&ok(&[&arguments[..], more].concat()).stdout).unwrap()
     };
     assert_eq!(rows(&one, &[])["rows"], 6);
@@ -324,7 +310,7 @@ fn shards_take_no_weights_of_other_options() {
     let told = rows(&many, &["--shard", "1/2"]);
     assert!(told["seconds"]["weights"].is_number() && told["rows"] == 3 && told["shard"][1] == 2, "{told}");
     rows(&many, &["--shard", "0/2"]);
-    let merged: serde_json::Value = serde_json::from_slice(&ok(&["merge", text(&many), "--json"]).stdout).unwrap();
+    let merged: serde_json::Value = serde_json::from_slice(&ok(&["merge", word(&many), "--json"]).stdout).unwrap();
     assert_eq!(merged["rows"], 6);
     assert!(std::fs::read(one.join("distances.npy")).unwrap() == std::fs::read(many.join("distances.npy")).unwrap());
 }
@@ -335,10 +321,10 @@ fn damaged_and_busy_directories_are_told_apart() {
     let mesh = creature(dir.path(), 5_000);
     let (out, work) = (dir.path().join("labels.npy"), dir.path().join("work"));
     let arguments =
-        ["segment", text(&mesh), "-k", "4", "--cluster", "kmeans", "--work-dir", text(&work), "-o", text(&out)];
+        ["segment", word(&mesh), "-k", "4", "--cluster", "kmeans", "--work-dir", word(&work), "-o", word(&out)];
     ok(&arguments);
     let expected = std::fs::read(&out).unwrap();
-    let info = ok(&["info", text(&work)]);
+    let info = ok(&["info", word(&work)]);
     assert!(String::from_utf8_lossy(&info.stdout).contains("graph_indices.npy"));
 
     let path = work.join("graph_weights.npy");
@@ -346,7 +332,7 @@ fn damaged_and_busy_directories_are_told_apart() {
     let mut flipped = whole.clone();
     flipped[whole.len() / 2] ^= 4;
     std::fs::write(&path, flipped).unwrap();
-    let output = program(&["verify", text(&work)]).output().unwrap();
+    let output = program(&["verify", word(&work)]).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1));
     assert!(said.contains("graph_weights.npy") && said.contains("checksum"), "{said}");
@@ -381,7 +367,7 @@ fn an_input_that_shrinks_while_it_is_read_is_told_and_the_work_can_be_taken_up()
     let (out, work) = (dir.path().join("labels.npy"), dir.path().join("work"));
     let arguments = [
         "segment",
-        text(&mesh),
+        word(&mesh),
         "-k",
         "4",
         "-l",
@@ -389,9 +375,9 @@ fn an_input_that_shrinks_while_it_is_read_is_told_and_the_work_can_be_taken_up()
         "--cluster",
         "kmeans",
         "--work-dir",
-        text(&work),
+        word(&work),
         "-o",
-        text(&out),
+        word(&out),
     ];
     ok(&arguments);
     let expected = std::fs::read(&out).unwrap();
@@ -406,7 +392,7 @@ fn an_input_that_shrinks_while_it_is_read_is_told_and_the_work_can_be_taken_up()
         // Done before, or an error; never a signal.
         assert!(matches!(output.status.code(), Some(0 | 1)), "after {wait} ms: {:?} {said}", output.status);
         if output.status.code() == Some(1) {
-            assert!(said.contains("creature.ply") || said.contains("shrank"), "after {wait} ms: {said}");
+            assert!(said.contains("creature_300000.ply") || said.contains("shrank"), "after {wait} ms: {said}");
             told += 1;
         }
         std::fs::write(&mesh, &whole).unwrap();
@@ -425,16 +411,16 @@ fn a_disk_that_fills_up_is_an_error_and_no_signal() {
     let line = format!(
         "ulimit -f 1500; exec '{}' segment '{}' -k 4 --cluster kmeans --work-dir '{}' -o '{}'",
         env!("CARGO_BIN_EXE_nystrom-stream"),
-        text(&mesh),
-        text(&work),
-        text(&out)
+        word(&mesh),
+        word(&work),
+        word(&out)
     );
     let output = Command::new("sh").args(["-c", &line]).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains(text(&work)), "{said}");
+    assert!(said.contains(word(&work)), "{said}");
     assert!(!out.exists());
-    ok(&["segment", text(&mesh), "-k", "4", "--cluster", "kmeans", "--work-dir", text(&work), "-o", text(&out)]);
+    ok(&["segment", word(&mesh), "-k", "4", "--cluster", "kmeans", "--work-dir", word(&work), "-o", word(&out)]);
 }
 
 /// A temporary folder that could not be locked was left beside the output.
@@ -447,8 +433,8 @@ fn a_disk_that_is_full_from_the_beginning_is_left_as_it_was() {
     let line = format!(
         "ulimit -f 0; exec '{}' segment '{}' -o '{}'",
         env!("CARGO_BIN_EXE_nystrom-stream"),
-        text(&mesh),
-        text(&out.join("labels.npy"))
+        word(&mesh),
+        word(&out.join("labels.npy"))
     );
     let output = Command::new("sh").args(["-c", &line]).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);

@@ -3,7 +3,6 @@
 use crate::common;
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::store::{Run, npy};
-use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -73,9 +72,7 @@ fn areas(mesh: &Mesh) -> Vec<f64> {
 /// Labels, colours and qualities of a labelled PLY as another reader sees them; `None` where that reader is too
 /// strict for the file.
 fn labelled(path: &Path) -> Option<Vec<(u32, [u8; 3], f32)>> {
-    let mut file = std::io::BufReader::new(std::fs::File::open(path).ok()?);
-    let mut ply = Parser::<DefaultElement>::new().read_ply(&mut file).ok()?;
-    let faces = ply.payload.swap_remove("face")?;
+    let faces = common::reference(path)?.payload.swap_remove("face")?;
     let byte = |property: &Property| if let Property::UChar(x) = property { *x } else { panic!("{property:?}") };
     let read = |face: &DefaultElement| {
         let (Property::Int(label), Property::Float(quality)) = (&face["label"], &face["quality"]) else {

@@ -1,15 +1,14 @@
 //! `sequence`: orders are permutations that the output carries out and nothing else, measures are what their definitions
 //! say, and spectral orders are as narrow as promised.
 
-use crate::common::{self, creature, errors, program, run, word, zoo};
+use crate::common::{self, assert_rearranged, creature, errors, ok, program, reference, run, word, zoo};
 use nystrom_stream::apps::sequence::{SequenceOrder, StreamMeasures, VertexUse, places};
 use nystrom_stream::mesh::ply::rearranged::{self, Rearrangement};
-use nystrom_stream::mesh::{self, Mesh, PlyForm};
+use nystrom_stream::mesh::{self, PlyForm};
 use nystrom_stream::pipeline::sequence::{SequenceParams, Sequencer};
 use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
-use ply_rs_bw::parser::Parser;
-use ply_rs_bw::ply::{DefaultElement, Ply, Property};
+use ply_rs_bw::ply::Property;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -18,26 +17,6 @@ fn permutation(n: usize, factor: usize) -> Vec<u32> {
     let mut order: Vec<u32> = (0..n as u32).collect();
     order.sort_by_key(|&i| (i as usize * factor) % 10_007);
     order
-}
-
-/// The reference reader's view; `None` where it is too strict for the file.
-fn reference(path: &Path) -> Option<Ply<DefaultElement>> {
-    let mut file = std::io::BufReader::new(std::fs::File::open(path).ok()?);
-    Parser::<DefaultElement>::new().read_ply(&mut file).ok()
-}
-
-/// Asserts that `after` is `before` with faces at `places` and vertices at `numbers`.
-fn assert_rearranged(name: &str, before: &Mesh, after: &Mesh, places: &[u32], numbers: &[u32]) {
-    let (a, b) = (&before, &after);
-    assert_eq!((a.positions.len(), a.faces.len()), (b.positions.len(), b.faces.len()), "{name}");
-    for v in 0..a.positions.len() as u32 {
-        let (p, q) = (a.positions.get(v), b.positions.get(numbers[v as usize]));
-        assert!((0..3).all(|k| p[k] == q[k] || p[k].is_nan() && q[k].is_nan()), "{name}: vertex {v}: {p:?} {q:?}");
-    }
-    for f in 0..a.faces.len() {
-        let expected: Vec<u32> = a.faces.with(f, |corners| corners.iter().map(|&v| numbers[v as usize]).collect());
-        assert_eq!(b.faces.with(places[f] as usize, <[u32]>::to_vec), expected, "{name}: face {f}");
-    }
 }
 
 /// Compares every value but corners, record by record, as the reference reader sees them.
@@ -305,8 +284,7 @@ fn the_same_bytes_whatever_the_threads_and_the_memory() {
             if order == SequenceOrder::Spectral {
                 words.extend(["--smooth", "5"]);
             }
-            let output = run(&words);
-            assert!(output.status.success(), "{}", errors(&output));
+            ok(&words);
             outputs.push(std::fs::read(&out).unwrap());
         }
         assert!(outputs[0] == outputs[1], "{order:?}");
@@ -329,7 +307,7 @@ fn a_work_directory_serves_segment_and_sequence() {
     }
     assert!(std::fs::read(work.join("distances.npy")).unwrap() == rows);
     let alone = dir.path().join("alone.ply");
-    assert!(run(&["sequence", word(&mesh), "-q", "-o", word(&alone)]).status.success());
+    ok(&["sequence", word(&mesh), "-q", "-o", word(&alone)]);
     assert!(std::fs::read(&alone).unwrap() == std::fs::read(&out).unwrap());
     let output = run(&["cluster", "--work-dir", word(&work), "-k", "3"]);
     assert!(output.status.success() && errors(&output).contains("decision: reused"), "{}", errors(&output));
@@ -338,9 +316,8 @@ fn a_work_directory_serves_segment_and_sequence() {
     assert!(left.iter().all(|name| !name.ends_with(".tmp")), "{left:?}");
     // And the other way round.
     let fresh = dir.path().join("fresh");
-    assert!(run(&["sequence", word(&mesh), "--work-dir", word(&fresh), "-o", word(&out)]).status.success());
-    let output = run(&["cluster", "--work-dir", word(&fresh), "-k", "3"]);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&["sequence", word(&mesh), "--work-dir", word(&fresh), "-o", word(&out)]);
+    ok(&["cluster", "--work-dir", word(&fresh), "-k", "3"]);
 }
 
 #[test]
@@ -348,12 +325,10 @@ fn outputs_of_every_form_and_misuse() {
     let dir = common::in_memory();
     let mesh = zoo::dumbbell().write(dir.path());
     let at = |name: &str| dir.path().join(name);
-    let output = run(&["sequence", word(&mesh), "-q"]);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&["sequence", word(&mesh), "-q"]);
     let beside = std::fs::read(mesh.with_extension("sequenced.ply")).unwrap();
     let (png, npy) = (at("o.png"), at("o.npy"));
-    let output = run(&["sequence", word(&mesh), "-q", "-o", word(&png), "-o", word(&npy), "--json"]);
-    assert!(output.status.success(), "{}", errors(&output));
+    let output = ok(&["sequence", word(&mesh), "-q", "-o", word(&png), "-o", word(&npy), "--json"]);
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(report["measures"]["mean_width"].as_f64().unwrap() < 60., "{report}");
     let mut places = nystrom_stream::store::npy::open::<u32>(&npy).unwrap().to_vec();

@@ -1,6 +1,6 @@
 //! Faces split along smooth boundaries, through the program.
 
-use crate::common::{self, errors, word};
+use crate::common::{self, errors, ok, word};
 use nystrom_stream::base::vector::distance;
 use nystrom_stream::mesh::Mesh;
 use nystrom_stream::store::Run;
@@ -79,8 +79,7 @@ fn boundaries_cross_faces_on_request() {
     let again = dir.path().join("again.ply");
     let words = ["-q", "-k", "6", "--threads", "1", "--work-dir", word(&work), "-o", word(&labels)];
     common::segment(&mesh, &words);
-    let output = common::run(&["export", "-q", "--work-dir", word(&work), "--split-faces", "-o", word(&again)]);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&["export", "-q", "--work-dir", word(&work), "--split-faces", "-o", word(&again)]);
     assert_eq!(std::fs::read(&again).unwrap(), split);
     let streamed = common::run(&["export", "-q", "--work-dir", word(&work), "--split-faces", "-o", "-"]);
     assert_eq!(streamed.stdout, split);

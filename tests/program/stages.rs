@@ -1,7 +1,7 @@
 //! The stages of `segment` as commands of their own over a work directory: the same results as in one run, and another
 //! number of parts without mesh, rows or members.
 
-use crate::common::{self, creature, errors, run, segment, word, zoo};
+use crate::common::{self, creature, errors, ok, run, segment, word, zoo};
 use nystrom_stream::mesh::read_seg;
 use nystrom_stream::store::npy;
 use std::collections::BTreeSet;
@@ -12,15 +12,12 @@ use std::time::Duration;
 
 /// Runs a subcommand on `work`, which must succeed; returns what it told.
 fn stage(words: &[&str], work: &Path) -> String {
-    let output = run(&[words, &["--work-dir", word(work)]].concat());
-    assert!(output.status.success(), "{words:?}: {}", errors(&output));
+    let output = ok(&[words, &["--work-dir", word(work)]].concat());
     errors(&output)
 }
 
 fn refused(words: &[&str], work: &Path, code: i32) -> String {
-    let output = run(&[words, &["--work-dir", word(work)]].concat());
-    assert_eq!(output.status.code(), Some(code), "{words:?}: {}", errors(&output));
-    errors(&output)
+    common::refused(&[words, &["--work-dir", word(work)]].concat(), code, "")
 }
 
 /// The labels that `segment MESH` with `words` writes.
@@ -66,7 +63,7 @@ fn stages_one_by_one_give_what_segment_gives() {
     assert!(std::fs::read(&ply).unwrap() == std::fs::read(&ours).unwrap());
     assert_eq!(read_seg(out).unwrap(), expected);
     // Everything has a checksum: a flipped bit would be found.
-    assert!(run(&["verify", word(work)]).status.success());
+    ok(&["verify", word(work)]);
 }
 
 #[test]
@@ -575,9 +572,7 @@ fn connected_components_are_parts_and_need_the_graph_alone() {
         (["--walls", "own"], "--walls can only be used with --cluster parts"),
         (["--kernel", "cauchy"], "--kernel can only be used with --cluster kmeans or two-means"),
     ] {
-        let output = run(&[&["segment", word(&mesh)], &components[..], &words].concat());
-        assert_eq!(output.status.code(), Some(2), "{words:?}");
-        assert!(errors(&output).contains(problem), "{}", errors(&output));
+        common::refused(&[&["segment", word(&mesh)], &components[..], &words].concat(), 2, problem);
     }
 }
 
@@ -655,9 +650,11 @@ fn what_an_older_program_made_is_not_exported() {
         let mut older: serde_json::Value = serde_json::from_str(&now).unwrap();
         older["stages"][name]["version"] = 1.into();
         std::fs::write(&manifest, older.to_string()).unwrap();
-        let output = run(&[&["export", "--work-dir", word(&work)][..], &words].concat());
-        assert_eq!(output.status.code(), Some(1), "{name}: {}", errors(&output));
-        assert!(errors(&output).contains("another version of the program"), "{name}: {}", errors(&output));
+        common::refused(
+            &[&["export", "--work-dir", word(&work)][..], &words].concat(),
+            1,
+            "another version of the program",
+        );
     }
 }
 
@@ -672,8 +669,6 @@ fn the_mesh_of_an_older_record_is_known() {
     let mut older: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&manifest).unwrap()).unwrap();
     older["stages"]["record"]["version"] = 1.into();
     std::fs::write(&manifest, older.to_string()).unwrap();
-    let output = run(&["segment", word(&other), "-q", "--work-dir", word(&work)]);
-    assert_eq!(output.status.code(), Some(1));
-    assert!(errors(&output).contains("belongs to another mesh"), "{}", errors(&output));
+    common::refused(&["segment", word(&other), "-q", "--work-dir", word(&work)], 1, "belongs to another mesh");
     segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work)]);
 }

@@ -1,6 +1,6 @@
 //! What is told of parts and of batches: which parts most people would not have, tables whose columns are aligned, names once.
 
-use crate::common::{self, errors, run, segment, word, zoo};
+use crate::common::{self, errors, ok, run, segment, word, zoo};
 use serde_json::Value;
 use std::path::Path;
 
@@ -93,8 +93,7 @@ fn the_inside_of_a_head_is_told_and_does_not_hide_its_nose() {
     assert!(count == 1 && told.contains(" % of the area, are one part; enclosed bodies, "), "{told}");
     assert_eq!(all["walls_label"], parts);
     let ask = format!("--json={}", json.display());
-    let output = run(&["cluster", "-q", "--work-dir", word(&work), "-k", "2", "-o", word(&out), &ask]);
-    assert!(output.status.success(), "{}", errors(&output));
+    ok(&["cluster", "-q", "--work-dir", word(&work), "-k", "2", "-o", word(&out), &ask]);
     // Regression: the option had no effect where there are more parts than cells.
     let output = run(&["cluster", "-q", "--work-dir", word(&work), "-k", "3000", "-o", word(&out)]);
     assert!(
