@@ -2,6 +2,7 @@
 //! divided by valleys.
 
 use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::base::vector::{cross, dot, minus};
 use std::collections::HashMap;
 
 type Point = [f64; 3];
@@ -23,18 +24,6 @@ fn make(options: Options) -> Mesh {
 
 fn smooth(faces: u64) -> Mesh {
     make(Options { faces, ..Options::default() })
-}
-
-fn minus(a: Point, b: Point) -> Point {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: Point, b: Point) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: Point, b: Point) -> Point {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

@@ -7,7 +7,7 @@ use nystrom_stream::distance::front::mean_weight;
 use nystrom_stream::distance::rows::RowParams;
 use nystrom_stream::distance::{DistanceRows, Front};
 use nystrom_stream::graph::Csr;
-use nystrom_stream::graph::csr::TriangleAdjacency;
+use nystrom_stream::graph::csr::{TriangleAdjacency, WeightedGraph};
 use nystrom_stream::graph::{DualGraph, Metric};
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh;
@@ -15,6 +15,14 @@ use nystrom_stream::store::{Budget, Context, Run, WorkDir};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+
+/// The graph of the mesh at `path` in `work`, and its weights.
+fn weighted(path: &Path, work: &WorkDir, run: &Run) -> (DualGraph, WeightedGraph) {
+    let (mesh, context) = (mesh::open(path, work.path(), run).unwrap(), Context::new(work, run));
+    let graph = DualGraph::build(&mesh, path, &Value::Null, context).unwrap();
+    let weights = graph.weighted(Metric::default(), context).unwrap();
+    (graph, weights)
+}
 
 fn creature(folder: &Path) -> PathBuf {
     let path = folder.join("creature.ply");
@@ -47,9 +55,7 @@ fn graph(path: &Path, budget: u64, holding: bool, folder: &Path) -> (Vec<u64>, V
     if holding {
         work = work.holding(&run.budget);
     }
-    let opened = mesh::open(path, work.path(), &run).unwrap();
-    let graph = DualGraph::build(&opened, path, &Value::Null, Context::new(&work, &run)).unwrap();
-    let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
+    let (graph, weighted) = weighted(path, &work, &run);
     let csr = weighted.csr();
     assert_eq!(work.file("graph_indices.npy").exists(), !holding);
     (csr.starts.plain(), csr.indices.to_vec(), graph.edges.centroid_distance.to_vec(), csr.weights.to_vec())
@@ -72,9 +78,7 @@ fn rows_that_pass_are_the_rows_that_are_kept() {
     let path = creature(dir.path());
     let kept_run = Run::new(&());
     let work = WorkDir::open(&dir.path().join("work")).unwrap();
-    let opened = mesh::open(&path, work.path(), &kept_run).unwrap();
-    let graph = DualGraph::build(&opened, &path, &Value::Null, Context::new(&work, &kept_run)).unwrap();
-    let weighted = graph.weighted(Metric::default(), Context::new(&work, &kept_run)).unwrap();
+    let (graph, weighted) = weighted(&path, &work, &kept_run);
     let n = graph.nodes.len();
     for sampling in [Sampling::Farthest, Sampling::Random, Sampling::GeodesicFarthest] {
         let params = RowParams { l: 7, sampling };
@@ -107,12 +111,9 @@ fn rows_that_pass_are_the_rows_that_are_kept() {
 #[test]
 fn what_a_look_at_a_row_fails_with_ends_the_rows() {
     let dir = tempfile::tempdir().unwrap();
-    let path = creature(dir.path());
     let run = Run { threads: 2, ..Run::new(&()) };
     let work = WorkDir::temporary(dir.path()).unwrap();
-    let opened = mesh::open(&path, work.path(), &run).unwrap();
-    let graph = DualGraph::build(&opened, &path, &Value::Null, Context::new(&work, &run)).unwrap();
-    let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
+    let (graph, weighted) = weighted(&creature(dir.path()), &work, &run);
     let params = RowParams { l: 9, sampling: Sampling::Farthest };
     let look = |row: nystrom_stream::distance::VisitedRow<'_>| match row.number {
         3 => Err(nystrom_stream::base::Error::parameter("--look", "seen enough", "look away")),
@@ -150,9 +151,7 @@ fn fronts_over_triangle_adjacency_give_the_same_distances() {
     let run = Run::new(&());
     for path in [creature(dir.path()), tangled(dir.path())] {
         let work = WorkDir::temporary(dir.path()).unwrap();
-        let opened = mesh::open(&path, work.path(), &run).unwrap();
-        let graph = DualGraph::build(&opened, &path, &Value::Null, Context::new(&work, &run)).unwrap();
-        let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
+        let (_graph, weighted) = weighted(&path, &work, &run);
         let triangles = TriangleAdjacency::of(weighted.csr(), &run).unwrap().unwrap();
         let csr = Csr { triangles: triangles.all(), ..weighted.csr() };
         let mut front = Front::new(mean_weight(csr));
@@ -164,9 +163,6 @@ fn fronts_over_triangle_adjacency_give_the_same_distances() {
     }
     let none = Run { budget: Budget::new(1 << 10), ..Run::new(&()) };
     let work = WorkDir::temporary(dir.path()).unwrap();
-    let path = creature(dir.path());
-    let opened = mesh::open(&path, work.path(), &run).unwrap();
-    let graph = DualGraph::build(&opened, &path, &Value::Null, Context::new(&work, &run)).unwrap();
-    let weighted = graph.weighted(Metric::default(), Context::new(&work, &run)).unwrap();
+    let (_graph, weighted) = weighted(&creature(dir.path()), &work, &run);
     assert!(TriangleAdjacency::of(weighted.csr(), &none).unwrap().is_none());
 }

@@ -1,6 +1,7 @@
 //! K-means and 2-means on the contraction of a large mesh: as good as with rows over all faces,
 //! the same bytes in any run.
 
+use crate::common;
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::base::RunLog;
@@ -62,8 +63,7 @@ fn quality_of_a_sample_does_not_depend_on_the_tessellation() {
     let folder = tempfile::tempdir().unwrap();
     let run = Run { threads: 2, ..Run::new(&()) };
     let per_face = [62_000, 180_000].map(|faces| {
-        let path = folder.path().join("creature.ply");
-        Creature::new(&Options { faces, ..Options::default() }).unwrap().write_ply(&path, &run).unwrap();
+        let path = common::creature(folder.path(), faces, false);
         let mesh = mesh::open(&path, folder.path(), &run).unwrap();
         let params = params(Cluster::KMeans, 6);
         let work = WorkDir::temporary(folder.path()).unwrap();
@@ -77,9 +77,8 @@ fn quality_of_a_sample_does_not_depend_on_the_tessellation() {
 #[test]
 fn more_parts_than_a_contraction_can_have_are_found_among_the_faces() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("creature.ply");
+    let path = common::creature(folder.path(), 62_000, false);
     let run = Run { threads: 2, ..Run::new(&()) };
-    Creature::new(&Options { faces: 62_000, ..Options::default() }).unwrap().write_ply(&path, &run).unwrap();
     let mesh = mesh::open(&path, folder.path(), &run).unwrap();
     for (parts, landmarks) in [(1_000, 512), (1_001, 512)] {
         let params = params(Cluster::KMeans, parts);

@@ -1,9 +1,8 @@
 //! Labelled output holds the labels, keeps everything else, and opens again as the same mesh.
 
-use crate::common;
+use crate::common::{self, reference};
 use nystrom_stream::mesh::{self, Labelling, Mesh, PlyForm};
 use nystrom_stream::store::Run;
-use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Ply, Property};
 use std::path::Path;
 
@@ -37,23 +36,6 @@ fn label(input: &Path, form: PlyForm, stream: bool) -> (tempfile::TempDir, Mesh,
     (dir, opened, quality)
 }
 
-fn assert_same_mesh(name: &str, a: &Mesh, b: &Mesh) {
-    assert_eq!((a.positions.len(), a.faces.len()), (b.positions.len(), b.faces.len()), "{name}");
-    for v in 0..a.positions.len() as u32 {
-        let (p, q) = (a.positions.get(v), b.positions.get(v));
-        assert!((0..3).all(|k| p[k] == q[k] || p[k].is_nan() && q[k].is_nan()), "{name}: vertex {v}: {p:?} {q:?}");
-    }
-    for f in 0..a.faces.len() {
-        assert_eq!(a.faces.with(f, <[u32]>::to_vec), b.faces.with(f, <[u32]>::to_vec), "{name}: face {f}");
-    }
-}
-
-/// The reference reader's view; `None` where it is too strict for the file.
-fn reference(path: &Path) -> Option<Ply<DefaultElement>> {
-    let mut file = std::io::BufReader::new(std::fs::File::open(path).ok()?);
-    Parser::<DefaultElement>::new().read_ply(&mut file).ok()
-}
-
 #[test]
 fn every_mesh_survives_labelling_in_every_form() {
     let Some(data) = common::data() else { return };
@@ -85,7 +67,9 @@ fn every_mesh_survives_labelling_in_every_form() {
                 let out = dir.path().join("out.ply");
                 let after = open(&out, again.path());
                 assert!(after.notes().is_empty(), "{name}: {:?}", after.notes());
-                assert_same_mesh(&name, &before, &after);
+                let same = |n: usize| (0..n as u32).collect::<Vec<u32>>();
+                let (places, numbers) = (same(before.faces.len()), same(before.positions.len()));
+                common::assert_rearranged(&name, &before, &after, &places, &numbers);
                 if large {
                     continue;
                 }

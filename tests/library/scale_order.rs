@@ -1,7 +1,6 @@
 //! Reordering along the curve: the same graph under other numbers, the same labels, in any budget.
 
-use crate::common::{data, every_case};
-use nystrom_stream::apps::creature::{Creature, Options};
+use crate::common::{creature, data, every_case};
 use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::cluster::parts::{PartCount, PartsParams};
@@ -42,11 +41,8 @@ fn edges(mesh: &Mesh, order: Order, run: &Run, folder: &Path) -> BTreeMap<(u32, 
 #[test]
 fn a_shuffled_creature_has_the_same_graph_in_any_budget() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("creature.ply");
     let run = quiet(1 << 30);
-    let creature = Creature::new(&Options { faces: 60_000, shuffle: true, ..Options::default() }).unwrap();
-    creature.write_ply(&path, &run).unwrap();
-    let opened = mesh::open(&path, dir.path(), &run).unwrap();
+    let opened = mesh::open(&creature(dir.path(), 60_000, true), dir.path(), &run).unwrap();
     let kept = edges(&opened, Order::Keep, &run, dir.path());
     for budget in [1 << 30, 4 << 20, 2 << 20] {
         let curve = edges(&opened, Order::Hilbert, &quiet(budget), dir.path());
@@ -83,11 +79,8 @@ fn random_polygons_have_the_same_graph() {
 #[test]
 fn labels_come_back_in_the_order_of_the_file() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("creature.ply");
     let run = quiet(1 << 30);
-    let creature = Creature::new(&Options { faces: 40_000, shuffle: true, ..Options::default() }).unwrap();
-    creature.write_ply(&path, &run).unwrap();
-    let opened = mesh::open(&path, dir.path(), &run).unwrap();
+    let opened = mesh::open(&creature(dir.path(), 40_000, true), dir.path(), &run).unwrap();
     let labels = |order: Order, budget: u64| {
         let work = WorkDir::temporary(dir.path()).unwrap();
         let parts = PartsParams { count: PartCount::Exactly(6), ..PartsParams::default() };
@@ -106,10 +99,7 @@ fn labels_come_back_in_the_order_of_the_file() {
 fn labels_are_the_same_when_the_kernel_can_keep_nothing_in_memory() {
     // A few blocks of pages; fronts tell what they need, cells are made block by block.
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("creature.ply");
-    let creature = Creature::new(&Options { faces: 200_000, ..Options::default() }).unwrap();
-    creature.write_ply(&path, &quiet(1 << 30)).unwrap();
-    let opened = mesh::open(&path, dir.path(), &quiet(1 << 30)).unwrap();
+    let opened = mesh::open(&creature(dir.path(), 200_000, false), dir.path(), &quiet(1 << 30)).unwrap();
     for (cluster, exact) in [(Cluster::Parts, false), (Cluster::KMeans, false), (Cluster::KMeans, true)] {
         let labels = |resident: u64| {
             let work = WorkDir::temporary(dir.path()).unwrap();
@@ -170,11 +160,8 @@ fn scans_have_the_same_labels_where_geometry_is_computed() {
 #[test]
 fn a_temporary_directory_that_gave_up_files_cuts_again() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("creature.ply");
     let run = quiet(1 << 30);
-    let creature = Creature::new(&Options { faces: 30_000, shuffle: true, ..Options::default() }).unwrap();
-    creature.write_ply(&path, &run).unwrap();
-    let opened = mesh::open(&path, dir.path(), &run).unwrap();
+    let opened = mesh::open(&creature(dir.path(), 30_000, true), dir.path(), &run).unwrap();
     for cluster in [Cluster::Parts, Cluster::KMeans] {
         let labels = |work: &WorkDir, parts: usize| {
             let parts = PartsParams { count: PartCount::Exactly(parts), ..PartsParams::default() };
