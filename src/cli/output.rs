@@ -114,21 +114,22 @@ pub struct FormArgs {
 impl PlyArgs {
     /// Rejects options that apply to none of `outputs`.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
-        let is_file = |output: &Output| output.form == Form::Ply;
-        if self.split_faces && !outputs.iter().any(is_file) {
-            return Err(CliError::Usage("--split-faces requires a .ply output; other outputs keep the faces".into()));
-        }
-        let is_ply = |output: &Output| is_file(output) || output.form == Form::Folder;
-        let (file, any) = (outputs.iter().any(is_file), outputs.iter().any(is_ply));
-        let given = [
-            (self.vertex_labels && !file, "--vertex-labels"),
-            (self.split_vertices && !file, "--split-vertices"),
-            (self.ply_form != PlyForm::Same && !any, "--ply-form"),
-        ];
-        match given.into_iter().find(|(idle, _)| *idle) {
-            Some((_, option)) => Err(CliError::Usage(format!("{option} requires a .ply output"))),
-            None => Ok(()),
-        }
+        let has = |form: Form| outputs.iter().any(|output| output.form == form);
+        let (file, a_file) = (has(Form::Ply), "a .ply output");
+        check_needs(&[
+            (self.split_faces && !file, "--split-faces", "a .ply output; other outputs keep the faces"),
+            (self.vertex_labels && !file, "--vertex-labels", a_file),
+            (self.split_vertices && !file, "--split-vertices", a_file),
+            (self.ply_form != PlyForm::Same && !file && !has(Form::Folder), "--ply-form", a_file),
+        ])
+    }
+}
+
+/// Rejects the first of the options that is given without what it needs.
+fn check_needs(rules: &[(bool, &str, &str)]) -> Result<(), CliError> {
+    match rules.iter().find(|(broken, ..)| *broken) {
+        Some((_, option, needed)) => Err(CliError::Usage(format!("{option} requires {needed}"))),
+        None => Ok(()),
     }
 }
 
@@ -158,20 +159,15 @@ impl FormArgs {
     /// Rejects options that apply to none of `outputs`.
     pub fn check(self, outputs: &[Output]) -> Result<(), CliError> {
         self.ply.check(outputs)?;
-        let folder = outputs.iter().any(|output| output.form == Form::Folder);
-        let table = outputs.iter().any(|output| output.form == Form::Parquet);
-        let (a_folder, a_table) = ("a folder of parts, as in -o parts/", "a .parquet output");
-        let solids = self.part_form == PartFile::Stl && !outputs.iter().any(|output| output.form == Form::Ply);
-        let rules = [
+        let has = |form: Form| outputs.iter().any(|output| output.form == form);
+        let (folder, a_folder) = (has(Form::Folder), "a folder of parts, as in -o parts/");
+        let solids = self.part_form == PartFile::Stl && !has(Form::Ply);
+        check_needs(&[
             (self.ply.ply_form != PlyForm::Same && solids, "--ply-form", "a .ply output, or parts that are .ply files"),
             (self.part_form != PartFile::Ply && !folder, "--part-form", a_folder),
             (self.cap && !folder, "--cap", a_folder),
-            (self.embedding_columns && !table, "--embedding-columns", a_table),
-        ];
-        match rules.into_iter().find(|(broken, ..)| *broken) {
-            Some((_, option, output)) => Err(CliError::Usage(format!("{option} requires {output}"))),
-            None => Ok(()),
-        }
+            (self.embedding_columns && !has(Form::Parquet), "--embedding-columns", "a .parquet output"),
+        ])
     }
 }
 
