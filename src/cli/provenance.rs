@@ -15,13 +15,13 @@ use nystrom_stream::apps::export::Form;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::pipeline::input;
 use nystrom_stream::pipeline::labels::LABELS_VERSION;
+use nystrom_stream::store::manifest::checksum_of;
 use nystrom_stream::store::{create_locked, json};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::UNIX_EPOCH;
-use xxhash_rust::xxh3::xxh3_64;
 
 /// The folder of records.
 pub const FOLDER: &str = ".nystrom-stream";
@@ -42,7 +42,7 @@ impl Provenance {
     pub fn new(path: &Path, options: &Value) -> Option<Self> {
         let identity = input::identity(path).ok()?;
         let all = json!([env!("CARGO_PKG_VERSION"), LABELS_VERSION, identity["bytes"], identity["ends"], options]);
-        let key = format!("{:016x}", xxh3_64(all.to_string().as_bytes()));
+        let key = checksum_of(all.to_string().as_bytes());
         Some(Self { key, mesh: path.to_path_buf(), identity, whole: OnceLock::new() })
     }
 
@@ -67,7 +67,7 @@ impl Provenance {
             for part in list["parts"].as_array()? {
                 let (more, time) = state(&output.target().join(part["file"].as_str()?))?;
                 let all = format!("{changed} {more} {time}");
-                (bytes, changed) = (bytes + more, format!("{:016x}", xxh3_64(all.as_bytes())));
+                (bytes, changed) = (bytes + more, checksum_of(all.as_bytes()));
             }
         }
         Some(json!({"key": self.key, "bytes": bytes, "changed": changed}))

@@ -22,13 +22,12 @@ use super::block_front::{Initial, Message, VisitedPieces};
 use super::voronoi::{self, BlockDijkstra};
 use crate::base::{Error, Result};
 use crate::graph::Csr;
-use crate::store::manifest::FileRecord;
+use crate::store::manifest::{FileRecord, checksum_of};
 use crate::store::stage::key_of;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::ops::Range;
-use xxhash_rust::xxh3::xxh3_64;
 
 /// Version of the content of a share.
 const VERSION: u32 = 2;
@@ -109,7 +108,7 @@ impl SharedFront<'_> {
 
     /// A hash that identifies the front, independent of the division.
     fn identity(&self) -> String {
-        let hash = |numbers: &[u32]| format!("{:016x}", xxh3_64(bytemuck::cast_slice(numbers)));
+        let hash = |numbers: &[u32]| checksum_of(bytemuck::cast_slice(numbers));
         let (sources, labels, limit) = (hash(self.sources), self.labels.map(hash), self.limit.to_bits());
         let inputs = json!({"graph": self.key, "sources": sources, "labels": labels, "limit": limit});
         key_of("shared front", VERSION, &inputs)

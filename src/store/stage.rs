@@ -17,7 +17,7 @@
 
 use super::folder::LOCK;
 use super::json;
-use super::manifest::{FileRecord, MANIFEST, Manifest, StageRecord, checksum};
+use super::manifest::{FileRecord, MANIFEST, Manifest, StageRecord, checksum, checksum_of};
 use super::needs::{BudgetEstimate, Extent, Needs};
 use super::run::Context;
 use super::workdir::WorkDir;
@@ -30,7 +30,6 @@ use serde_json::Value;
 use std::fmt;
 use std::fs::File;
 use std::io::ErrorKind;
-use xxhash_rust::xxh3::xxh3_64;
 
 /// A step of the work with files of its own in the work directory.
 pub trait Stage: Sized {
@@ -124,7 +123,7 @@ impl fmt::Display for RebuildReason {
 /// The key of a stage: a hash of its name, the version of its algorithm, and its inputs.
 pub fn key_of(name: &str, version: u32, inputs: &Value) -> String {
     let text = serde_json::json!({"stage": name, "version": version, "inputs": inputs}).to_string();
-    format!("{:016x}", xxh3_64(text.as_bytes()))
+    checksum_of(text.as_bytes())
 }
 
 /// Parses the facts recorded in the manifest.
