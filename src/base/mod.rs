@@ -1,5 +1,6 @@
 //! The lowest layer: errors, progress, cancellation, deterministic parallel loops, loops on wide
-//! vectors, boxes, sets of bits, disjoint sets, short sorts, shortest paths, moments and small eigenproblems.
+//! vectors, boxes, sets of bits, disjoint sets, lists by owner, short sorts, shortest paths, moments and small
+//! eigenproblems.
 //!
 //! Nothing here knows about meshes, files or command lines.
 
@@ -9,6 +10,7 @@ pub mod cancel;
 pub mod dijkstra;
 pub mod eigen;
 pub mod error;
+pub mod groups;
 pub mod moments;
 pub mod parallel;
 pub mod printable;

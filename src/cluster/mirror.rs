@@ -12,6 +12,7 @@
 //! milliseconds whatever the size of the mesh; the image of a seed is found by descent over the dual graph. 24 bytes
 //! per point.
 
+use crate::base::groups::Groups;
 use crate::base::moments::{principal_axes, products};
 use crate::base::sort::sort_by;
 use crate::base::vector::{add_scaled, distance, dot, middle, minus};
@@ -112,27 +113,17 @@ fn apart(a: SurfacePoint, b: SurfacePoint, radius: f64) -> f64 {
 /// A grid of points by position: a slot lists the points of all cubes that hash to it.
 pub struct NearestPoint<'a> {
     set: PointSet<'a>,
-    /// Start of each slot's points in `listed`.
-    starts: Vec<u32>,
-    listed: Vec<u32>,
+    slots: Groups<u32>,
 }
 
 /// Number of slots: a power of two.
-const SLOTS: usize = 1 << 12;
+const SLOTS: u32 = 1 << 12;
 
 impl<'a> NearestPoint<'a> {
     /// A search among `set`.
     pub fn new(set: PointSet<'a>) -> Self {
-        let slots: Vec<usize> = set.points.iter().map(|point| slot(cube(point.position, set.radius))).collect();
-        let mut starts = vec![0u32; SLOTS + 1];
-        slots.iter().for_each(|&slot| starts[slot + 1] += 1);
-        (0..SLOTS).for_each(|k| starts[k + 1] += starts[k]);
-        let (mut at, mut listed) = (starts.clone(), vec![0; slots.len()]);
-        for (k, &slot) in slots.iter().enumerate() {
-            listed[at[slot] as usize] = k as u32;
-            at[slot] += 1;
-        }
-        Self { set, starts, listed }
+        let slots = set.points.iter().map(|point| slot(cube(point.position, set.radius)));
+        Self { set, slots: Groups::of(SLOTS as usize, slots.zip(0..)) }
     }
 
     /// The point nearest to `point` by position and normal, and their distance in space; `None` if none is within
@@ -142,8 +133,7 @@ impl<'a> NearestPoint<'a> {
         let (mut best, mut least) = (None, (REACH * radius).powi(2));
         for k in 0..27 {
             let near = [at[0] + k / 9 - 1, at[1] + k / 3 % 3 - 1, at[2] + k % 3 - 1];
-            let slot = slot(near);
-            for &other in &self.listed[self.starts[slot] as usize..self.starts[slot + 1] as usize] {
+            for &other in self.slots.of_owner(slot(near)) {
                 let d = apart(points[other as usize], point, radius);
                 if d < least || (d == least && best.is_some_and(|best| other < best)) {
                     (best, least) = (Some(other), d);
@@ -160,9 +150,9 @@ fn cube(x: [f64; 3], radius: f64) -> [i64; 3] {
     x.map(|x| (x / (REACH * radius)).floor().clamp(-1e15, 1e15) as i64)
 }
 
-fn slot(cube: [i64; 3]) -> usize {
+fn slot(cube: [i64; 3]) -> u32 {
     let mixed = cube.iter().fold(0u64, |sum, &x| (sum ^ x as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29));
-    (mixed >> 32) as usize % SLOTS
+    (mixed >> 32) as u32 % SLOTS
 }
 
 /// The mirror planes of a surface, best first: at most three.

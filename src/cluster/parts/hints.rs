@@ -16,7 +16,7 @@ use super::cell_graph::{CellGraph, class_sums, compact, connected_pieces};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
 use crate::base::dijkstra::shortest_paths;
-use crate::base::sort::sort_by;
+use crate::base::groups::Groups;
 use crate::base::union_find::Forest;
 use crate::base::vector::distance;
 use std::collections::BTreeMap;
@@ -85,11 +85,13 @@ impl Affinities<'_> {
         let members: Vec<u32> = (0..label.len() as u32).filter(|&cell| label[cell as usize] == part).collect();
         let mut place = vec![u32::MAX; label.len()];
         members.iter().zip(0u32..).for_each(|(&cell, k)| place[cell as usize] = k);
-        let inside = |pair: &&[u32; 2]| pair.iter().all(|&cell| place[cell as usize] != u32::MAX);
-        let edges: Vec<usize> = (0..self.cells.pairs.len()).filter(|&e| inside(&&self.cells.pairs[e])).collect();
+        let inside = |&e: &usize| self.cells.pairs[e].iter().all(|&cell| place[cell as usize] != u32::MAX);
+        let edges: Vec<usize> = (0..self.cells.pairs.len()).filter(inside).collect();
         let pairs: Vec<[u32; 2]> =
             edges.iter().map(|&e| self.cells.pairs[e].map(|cell| place[cell as usize])).collect();
-        let steps = Steps::new(members.len(), &pairs, edges.iter().map(|&e| self.step(e)));
+        let lengths: Vec<f64> = edges.iter().map(|&e| self.step(e)).collect();
+        let both = |(&[i, j], &length): (&[u32; 2], &f64)| [(i, (j, length)), (j, (i, length))];
+        let steps = Groups::of(members.len(), pairs.iter().zip(&lengths).flat_map(both));
         // Seeds of one class in one superface have the same C: one search from all of them finds the nearest.
         let mut sources: BTreeMap<(u32, u32), Vec<u32>> = BTreeMap::new();
         for &(cell, class) in seeds {
@@ -98,7 +100,8 @@ impl Affinities<'_> {
         }
         let mut best = vec![(f64::INFINITY, u32::MAX); members.len()];
         for (&(class, superface), cells) in &sources {
-            let path = steps.from(cells);
+            let mut path = vec![f64::INFINITY; members.len()];
+            shortest_paths(cells, |i| steps.of_owner(i).iter().copied(), f64::INFINITY, &mut path, |_| ());
             let row = self.co_association.row(superface as usize);
             for ((best, &cell), path) in best.iter_mut().zip(&members).zip(path) {
                 let other = self.superfaces.of_cell[cell as usize];
@@ -207,35 +210,6 @@ impl Affinities<'_> {
             }
         }
         Ok(compact(&new))
-    }
-}
-
-/// A small weighted graph.
-struct Steps {
-    starts: Vec<u32>,
-    near: Vec<(u32, f64)>,
-}
-
-impl Steps {
-    /// The graph of `n` nodes with `pairs` and their lengths.
-    fn new(n: usize, pairs: &[[u32; 2]], lengths: impl Iterator<Item = f64>) -> Self {
-        let mut all: Vec<(u32, u32, f64)> = Vec::with_capacity(2 * pairs.len());
-        for (&[i, j], length) in pairs.iter().zip(lengths) {
-            all.extend([(i, j, length), (j, i, length)]);
-        }
-        sort_by(&mut all, |a, b| (a.0, a.1).cmp(&(b.0, b.1)));
-        let mut starts = vec![0u32; n + 1];
-        all.iter().for_each(|step| starts[step.0 as usize + 1] += 1);
-        (0..n).for_each(|i| starts[i + 1] += starts[i]);
-        Self { starts, near: all.into_iter().map(|(_, j, length)| (j, length)).collect() }
-    }
-
-    /// Length of the shortest path to each node from the nearest of `sources`.
-    fn from(&self, sources: &[u32]) -> Vec<f64> {
-        let mut path = vec![f64::INFINITY; self.starts.len() - 1];
-        let range = |i: u32| self.starts[i as usize] as usize..self.starts[i as usize + 1] as usize;
-        shortest_paths(sources, |i| self.near[range(i)].iter().copied(), f64::INFINITY, &mut path, |_| ());
-        path
     }
 }
 

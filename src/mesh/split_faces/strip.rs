@@ -6,6 +6,7 @@
 //! position count as one, it is 32 bytes. The result grows only with the strip.
 
 use crate::base::bit_set::BitSet;
+use crate::base::groups::Groups;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{finite, position_key};
 use crate::base::{Error, Result};
@@ -46,39 +47,10 @@ pub(super) struct Strip {
     /// The ends of each edge, ascending (e).
     pub edges: Vec<[u32; 2]>,
     /// The faces of each edge.
-    pub sides: Groups,
+    pub sides: Groups<u32>,
     /// The faces of each vertex.
-    pub stars: Groups,
+    pub stars: Groups<u32>,
     _grant: Grant,
-}
-
-/// Lists of faces, concatenated.
-pub(super) struct Groups {
-    starts: Vec<u32>,
-    faces: Vec<u32>,
-}
-
-impl Groups {
-    /// Builds `count` lists from `pairs` (owner, face), sorted by owner.
-    fn of(count: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
-        let mut starts = vec![0u32; count + 1];
-        pairs.clone().for_each(|(owner, _)| starts[owner as usize + 1] += 1);
-        for k in 0..count {
-            starts[k + 1] += starts[k];
-        }
-        let mut next = starts.clone();
-        let mut faces = vec![0; starts[count] as usize];
-        for (owner, face) in pairs {
-            faces[next[owner as usize] as usize] = face;
-            next[owner as usize] += 1;
-        }
-        Self { starts, faces }
-    }
-
-    /// The faces of `owner`, ascending.
-    pub fn of_owner(&self, owner: u32) -> &[u32] {
-        &self.faces[self.starts[owner as usize] as usize..self.starts[owner as usize + 1] as usize]
-    }
 }
 
 /// Which vertices lie on a boundary, one bit each.
