@@ -22,7 +22,7 @@ use crate::store::{Context, MappedSlice, WorkDir};
 pub use fiedler::sweep;
 pub use ranks::{bfs_ranks, hilbert_ranks, pca_ranks, random_ranks, ranks_along, rcm_ranks};
 use serde::{Deserialize, Serialize};
-use sorting::{Push, Scatter, check_items, sorted};
+use sorting::{Push, check_items, places_by_record};
 use std::ops::Range;
 pub use stream_measures::{ComparedOrder, StreamMeasures, table};
 pub use vertex_use::VertexUse;
@@ -74,10 +74,6 @@ impl SequenceOrder {
 /// As [`bfs_ranks`]; [`crate::base::Error::Parameter`] unless there is a rank for every vertex.
 pub fn places(name: &str, mesh: &Mesh, rank: &[u32], context: Context<'_>) -> Result<MappedSlice<u32>> {
     check_items("rank", rank.len(), mesh.positions.len())?;
-    let n = mesh.faces.len();
-    let scatter = Scatter::new(name, n, context)?;
-    let mut out = scatter.producer();
-    let mut next = 0;
     let fill = |range: Range<usize>, push: Push<'_, 4>| {
         mesh.faces.try_for_each(range, |face, corners| {
             let (mut first, mut second, mut least) = (None, None, u32::MAX);
@@ -93,15 +89,8 @@ pub fn places(name: &str, mesh: &Mesh, rank: &[u32], context: Context<'_>) -> Re
             push([first.unwrap_or(u32::MAX), second.unwrap_or(0), least, face as u32])
         })
     };
-    sorted("ordering faces", (n, n as u64), fill, context, |records| {
-        context.run.progress.advance("sequence", records.len() as u64);
-        records.iter().try_for_each(|record| {
-            next += 1;
-            scatter.put(&mut out, record[3], next - 1)
-        })
-    })?;
-    out.finish()?;
-    scatter.finish()
+    let advance = |done| context.run.progress.advance("sequence", done);
+    places_by_record(name, "ordering faces", mesh.faces.len(), fill, advance, context)
 }
 
 /// Number of colour steps; alternate bands are darker, so that the shape of the front is visible.

@@ -101,6 +101,30 @@ impl<'a> Scatter<'a> {
     }
 }
 
+/// The places of `n` items in ascending order of the records that `fill` makes of them, one each, which end with the
+/// number of the item: the array `name` of `work`. `advance` is called with the number of records that are placed.
+pub(super) fn places_by_record<const W: usize>(
+    name: &str,
+    what: &'static str,
+    n: usize,
+    fill: impl Fn(Range<usize>, Push<'_, W>) -> Result<()> + Sync,
+    advance: impl Fn(u64),
+    context: Context<'_>,
+) -> Result<MappedSlice<u32>> {
+    let scatter = Scatter::new(name, n, context)?;
+    let mut out = scatter.producer();
+    let mut next = 0;
+    sorted(what, (n, n as u64), fill, context, |records| {
+        advance(records.len() as u64);
+        records.iter().try_for_each(|record| {
+            next += 1;
+            scatter.put(&mut out, record[W - 1], next - 1)
+        })
+    })?;
+    out.finish()?;
+    scatter.finish()
+}
+
 /// Ranks of `n` items by their `key`, ties by number: the array `name` of `work`.
 pub(super) fn ranks_by_key(
     name: &str,
@@ -108,23 +132,13 @@ pub(super) fn ranks_by_key(
     key: impl Fn(usize) -> [u32; 4] + Sync,
     context: Context<'_>,
 ) -> Result<MappedSlice<u32>> {
-    let scatter = Scatter::new(name, n, context)?;
-    let mut out = scatter.producer();
-    let mut next = 0;
     let fill = |range: Range<usize>, push: Push<'_, 5>| {
         range.into_iter().try_for_each(|i| {
             let [a, b, c, d] = key(i);
             push([a, b, c, d, i as u32])
         })
     };
-    sorted("ranking vertices", (n, n as u64), fill, context, |records| {
-        records.iter().try_for_each(|record| {
-            next += 1;
-            scatter.put(&mut out, record[4], next - 1)
-        })
-    })?;
-    out.finish()?;
-    scatter.finish()
+    places_by_record(name, "ranking vertices", n, fill, |_| (), context)
 }
 
 /// Two words that are ordered like `x`; NaN comes last.

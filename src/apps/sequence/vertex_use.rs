@@ -3,7 +3,7 @@
 //! Two external sorts: uses by vertex, of which the first and last matter, then vertices by first use. Unused vertices
 //! come last, in file order. 12 bytes per corner and per vertex through the sorts, 12 per vertex kept temporarily.
 
-use super::sorting::{Push, Scatter, check_items, sorted};
+use super::sorting::{Push, check_items, places_by_record, sorted};
 use crate::base::Result;
 use crate::mesh::Mesh;
 use crate::store::npy::ArrayWriter;
@@ -34,22 +34,13 @@ impl VertexUse {
         check_items("place", place.len(), mesh.faces.len())?;
         let n = mesh.positions.len();
         let (first, slot, last) = uses(mesh, place, context)?;
-        let scatter = Scatter::new(FILES[3], n, context)?;
-        let mut out = scatter.producer();
-        let mut next = 0;
         let fill = |range: Range<usize>, push: Push<'_, 3>| {
             range.into_iter().try_for_each(|v| push([first[v], slot[v], v as u32]))
         };
-        sorted("numbering vertices", (n, n as u64), fill, context, |records| {
-            records.iter().try_for_each(|record| {
-                next += 1;
-                scatter.put(&mut out, record[2], next - 1)
-            })
-        })?;
-        out.finish()?;
+        let rank = places_by_record(FILES[3], "numbering vertices", n, fill, |_| (), context)?;
         drop(slot);
         context.work.remove(FILES[1]);
-        Ok(Self { first, last, rank: scatter.finish()? })
+        Ok(Self { first, last, rank })
     }
 
     /// Removes its files.
