@@ -21,7 +21,7 @@ use crate::apps::correspond::align::{TELLING, align};
 use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, transformed};
 use crate::apps::correspond::matches::{Match, Matching, matches};
 use crate::apps::correspond::partial::{ANCHORS, CANDIDATES, PartialOutcome, PartialSide, match_part};
-use crate::apps::correspond::refine::Outcome;
+use crate::apps::correspond::refine::{Outcome, mean_apart};
 use crate::apps::correspond::{Alignments, SurfacePoint};
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::union_find::Forest;
@@ -260,16 +260,10 @@ fn compared(images: &Images) -> Images {
     images.iter().step_by(images.len().div_ceil(COMPARED).max(1)).copied().collect()
 }
 
-/// Mean distance between two maps to `whole`, over √area, estimated by its landmarks at the [`compared`] images.
+/// [`mean_apart`] of two maps to `whole` at the [`compared`] images.
 fn apart(whole: &Side<'_>, one: &Images, other: &Images) -> f64 {
-    // A lower bound on the distance, and with dozens of landmarks nearly equal to it.
-    let apart = |(v, w): (u32, u32)| -> f64 {
-        let difference = |row: &[f32]| f64::from((row[v as usize] - row[w as usize]).abs());
-        (0..whole.rows.len()).map(|j| difference(whole.rows.row(j))).fold(0., f64::max)
-    };
-    let pairs: Vec<(u32, u32)> = one.iter().zip(other).filter_map(|(v, w)| Some(((*v)?, (*w)?))).collect();
-    let sum: f64 = pairs.iter().copied().map(apart).sum();
-    sum * whole.graph.unit() / pairs.len().max(1) as f64
+    let pairs = one.iter().zip(other).filter_map(|(v, w)| Some(((*v)?, (*w)?)));
+    mean_apart(pairs, &whole.rows, whole.graph.unit())
 }
 
 /// Maps of `part` to `whole` by distances between far points, the likeliest first, the matches of the first of them,

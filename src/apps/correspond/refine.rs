@@ -408,16 +408,23 @@ fn oriented(mut all: Vec<Outcome>) -> Vec<Outcome> {
     all
 }
 
-/// Mean distance between two maps of the same sample, over √area of `b`, estimated by its landmarks.
-fn apart(one: &Outcome, other: &Outcome, b: Refinable<'_>) -> f64 {
+/// Mean distance between the vertices of `pairs`, over √area, estimated by the landmarks of `rows`; `unit` is that of
+/// distances.
+pub fn mean_apart(pairs: impl Iterator<Item = (u32, u32)>, rows: &DistanceRows, unit: f64) -> f64 {
     // A lower bound on the distance, and with dozens of landmarks nearly equal to it.
     let apart = |v: u32, w: u32| -> f64 {
         let difference = |row: &[f32]| f64::from((row[v as usize] - row[w as usize]).abs());
-        (0..b.rows.len()).map(|j| difference(b.rows.row(j))).fold(0., f64::max)
+        (0..rows.len()).map(|j| difference(rows.row(j))).fold(0., f64::max)
     };
+    let (sum, count) = pairs.fold((0., 0u32), |(sum, count), (v, w)| (sum + apart(v, w), count + 1));
+    unit * sum / f64::from(count.max(1))
+}
+
+/// [`mean_apart`] of two maps of the same sample.
+fn apart(one: &Outcome, other: &Outcome, b: Refinable<'_>) -> f64 {
     let step = one.sample.len().div_ceil(COMPARED).max(1);
-    let pairs = || one.sample.iter().zip(&other.sample).step_by(step);
-    b.unit * pairs().map(|(&v, &w)| apart(v, w)).sum::<f64>() / pairs().count().max(1) as f64
+    let pairs = one.sample.iter().zip(&other.sample).step_by(step);
+    mean_apart(pairs.map(|(&v, &w)| (v, w)), b.rows, b.unit)
 }
 
 /// The first [`FINISHED`] of `sorted`, without repeating a map.
