@@ -390,8 +390,7 @@ fn what_cannot_be_followed_is_told_with_its_edit() {
     let file = scene.file(&json!([]));
     let output = run(&["segment", word(&scene.mesh), "-k", "4", "--cluster", "kmeans", "--edits", word(&file)]);
     assert_eq!(output.status.code(), Some(2), "{}", errors(&output));
-    let output = run(&["segment", word(&scene.mesh), "--edits", "nowhere.json"]);
-    assert!(output.status.code() == Some(1) && errors(&output).contains("nowhere.json"), "{}", errors(&output));
+    refused(&["segment", word(&scene.mesh), "--edits", "nowhere.json"], 1, "nowhere.json");
 }
 
 /// A page of labels that were corrected before knows the edits, so that what it saves holds all of them.
@@ -492,9 +491,7 @@ fn names_are_read_before_any_work() {
     let table = scene.dir.path().join("names.tsv");
     for (text, told) in [(None, "cannot read: No such file"), (Some("0 body\n"), "line 1: has no tab")] {
         text.iter().for_each(|text| std::fs::write(&table, text).unwrap());
-        let output = run(&["segment", word(&scene.mesh), "--names", word(&table)]);
-        let told_all = errors(&output);
-        assert!(output.status.code() == Some(1) && told_all.contains(told), "{told_all}");
+        let told_all = refused(&["segment", word(&scene.mesh), "--names", word(&table)], 1, told);
         assert_eq!(told_all.lines().count(), 1, "{told_all}");
     }
 }

@@ -481,8 +481,11 @@ fn boundaries_by_the_embedding_are_near_those_by_the_front_and_the_same_from_a_w
     let told = stage(&["cluster", "-k", "6", "--boundaries", "embedding", "-o", word(out)], work);
     assert!(told.contains("decision: reused") && told.contains("rows: reused"), "{told}");
     assert_eq!(read_seg(out).unwrap(), one);
-    let output = run(&["segment", word(mesh), "--boundaries", "embedding", "--cluster", "kmeans", "-k", "6"]);
-    assert!(output.status.code() == Some(2) && errors(&output).contains("--boundaries"), "{}", errors(&output));
+    common::refused(
+        &["segment", word(mesh), "--boundaries", "embedding", "--cluster", "kmeans", "-k", "6"],
+        2,
+        "--boundaries",
+    );
 }
 
 #[test]
