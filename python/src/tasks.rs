@@ -6,7 +6,7 @@ use super::mesh::PyMesh;
 use super::{raised, text, with_options};
 use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use nystrom_stream::apps::colours::colours_for;
-use nystrom_stream::apps::edits::Edits;
+use nystrom_stream::apps::edits::{self, Edits};
 use nystrom_stream::apps::evaluate::Evaluator;
 use nystrom_stream::apps::export::split::PartForm;
 use nystrom_stream::apps::export::{Form, csv};
@@ -207,6 +207,14 @@ pub fn measure_mesh(py: Python<'_>, mesh: &PyMesh) -> PyResult<String> {
     let found =
         run(py, |run| measure::mesh(mesh, Context::new(&WorkDir::in_memory(&std::env::temp_dir(), &run.budget), run)));
     text(&found?)
+}
+
+/// Least and greatest corner of the box in which edits know the mesh again; none without a finite face.
+#[pyfunction]
+pub fn edits_box(py: Python<'_>, mesh: &PyMesh) -> PyResult<Option<[[f64; 3]; 2]>> {
+    let mesh = mesh.current()?;
+    let bounds = run(py, |run| edits::bounds(&mesh.without_strays(run)?, run))?;
+    Ok(bounds.iter().flatten().all(|x| x.is_finite()).then_some(bounds))
 }
 
 /// Scores of labels against truths, as JSON.

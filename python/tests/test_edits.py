@@ -105,6 +105,19 @@ def test_files_of_edits_come_and_go(cut, tmp_path):
         cut.edit(tmp_path / "edits.json")
 
 
+def test_saved_edits_fit_a_mesh_with_vertices_far_away(tmp_path):
+    # Regression: the box that was saved had them in it, so places were scaled, and the mesh's own edits were refused.
+    vertices, faces = dumbbell()
+    vertices = np.vstack([vertices, [[50, 50, 50]], [[np.nan, 0, 0]]])
+    cut = nystrom_stream.segment(vertices, faces, 4)
+    edited = cut.edit([{"edit": "merge", "at": [cut.place(0), cut.place(1)]}])
+    edited.save_edits(tmp_path / "edits.json")
+    used = vertices[np.unique(faces)]
+    box = json.loads((tmp_path / "edits.json").read_text())["box"]
+    assert np.allclose(box, [used.min(axis=0), used.max(axis=0)])
+    assert (cut.edit(tmp_path / "edits.json").labels == edited.labels).all()
+
+
 def test_what_is_asked_for_goes_before_the_file_of_edits(tmp_path):
     # Regression: the next edit, and the file that was saved, went back to the number that the file says.
     mesh = dumbbell(12)

@@ -216,9 +216,8 @@ class Segmentation(_Labelled):
 
     def save_edits(self, path: Path) -> None:
         """Writes the edits as a file for `nystrom-stream segment --edits` and `edit`. Names are in it if "name" edits gave them."""
-        vertices = self.vertices
-        box = [vertices.min(axis=0), vertices.max(axis=0)] if len(vertices) else None
-        head = {"box": box} if box and np.isfinite(box).all() else {}
+        box = _native.edits_box(self._mesh)
+        head: dict[str, Any] = {} if box is None else {"box": box}
         with open(path, "w", encoding="utf-8") as file:
             file.write(text_of({**head, **started(self._options), **as_edits(self._edits or [])}) + "\n")
 
