@@ -61,6 +61,11 @@ impl Edits {
     /// [`Error::Malformed`] naming the edit; [`Error::Unusable`] for what concerns no single edit.
     pub fn of_text(text: &[u8], path: &Path) -> Result<Self> {
         let form = "see docs/edits.md for the format";
+        // Derived code takes a list for the fields of the head, one after the other, and its message confuses.
+        if text.trim_ascii_start().starts_with(b"[") {
+            let remedy = format!(r#"write {{"format": "{FORMAT}", "version": {VERSION}, "edits": […]}} around it"#);
+            return Err(Error::unusable(path, "is a bare list", remedy));
+        }
         let head: Head = serde_json::from_slice(text)
             .map_err(|error| Error::unusable(path, format!("is not a list of edits: {error}"), form))?;
         if head.format != FORMAT || head.version != VERSION {
@@ -225,7 +230,9 @@ mod tests {
         let head = |more: &str| format!(r#"{{"format": "nystrom-stream edits", "version": 1, {more}, "edits": []}}"#);
         for (text, told) in [
             (String::new(), "is not a list of edits: EOF"),
-            ("[]".into(), "is not a list of edits: invalid length 0"),
+            // Regression: "is not a list of edits: invalid type: map, expected a string" was said of a list of edits.
+            (r#" [{"edit": "split", "at": 0}]"#.into(), "is a bare list; write {\"format\": \"nystrom-stream edits\""),
+            ("[]".into(), "is a bare list"),
             ("{}".into(), "is not a list of edits: missing field `format`"),
             (
                 r#"{"format": "x", "version": 1, "edits": []}"#.into(),
