@@ -121,7 +121,7 @@ fn what_is_wrong_is_said_in_one_line_with_its_place() {
     let dir = common::in_memory();
     let mut short = vec![0; 84];
     short[80] = 9;
-    let cases: [(&str, &[u8], &str); 19] = [
+    let cases: [(&str, &[u8], &str); 23] = [
         ("a.obj", b"v 0 0 0\nv 1 0\nf 1 1 1\n", "line 2: a vertex needs three coordinates"),
         ("a.obj", b"v 0 0 0\n\nv 1 0 x\nf 1 1 1\n", "line 3: \"x\" is not a number"),
         ("a.obj", b"v 0 0 0\nf 1 1 2\n", "line 2: a face names vertex 2, but there are 1"),
@@ -141,7 +141,12 @@ fn what_is_wrong_is_said_in_one_line_with_its_place() {
         ("a.stl", b"solid a\nfacet\nouter loop\nvertex 0 0 0\nvertex 0 0 0\nendloop\n", "does not have three vertices"),
         ("a.stl", &short, "byte 80: 9 triangles take 534 bytes"),
         ("scene.glb", b"glTF\x02\0\0\0", "is a glTF file, which is not supported"),
-        ("a.fbx", b"; FBX 7.3.0\n", "is a .fbx file, which is not supported"),
+        ("a.fbx", b"; FBX 7.3.0\n", "is a .fbx file, which is not supported; convert it to PLY"),
+        // Regression: they were to be converted to PLY, which is then refused, since it has no faces.
+        ("a.las", b"LASF", "is a LAS point cloud file, which is not supported; reconstruct a surface"),
+        ("a.bin", b"# .PCD v.7\n", "is a PCD point cloud file, which is not supported; reconstruct a surface"),
+        ("a.xyz", b"1 2 3\n", "is a .xyz file, which is not supported; reconstruct a surface"),
+        ("a.e57", b"ASTM-E57", "is a .e57 file, which is not supported; reconstruct a surface"),
     ];
     for (name, bytes, part) in cases {
         let path = dir.path().join(name);

@@ -89,10 +89,13 @@ const FOREIGN: [(&[u8], &str); 15] = [
     (b"{", "JSON (glTF)"),
 ];
 /// File extensions of unsupported formats.
-const UNSUPPORTED_EXTENSIONS: [&str; 24] = [
+const UNSUPPORTED_EXTENSIONS: [&str; 25] = [
     "gltf", "glb", "fbx", "dae", "3mf", "3ds", "blend", "step", "stp", "iges", "igs", "vtk", "vtp", "vtu", "las",
-    "laz", "pcd", "xyz", "pts", "msh", "usd", "usdz", "wrl", "x3d",
+    "laz", "pcd", "xyz", "pts", "e57", "msh", "usd", "usdz", "wrl", "x3d",
 ];
+
+/// Those of them that hold points without faces.
+const POINT_CLOUDS: [&str; 6] = ["las", "laz", "pcd", "xyz", "pts", "e57"];
 
 /// The file extension in lower case, not counting `.gz`.
 fn extension(path: &Path) -> String {
@@ -153,7 +156,13 @@ pub(in crate::mesh) fn recognise(path: &Path, bytes: &[u8]) -> Result<Format> {
     }
     let refuse = |name: &str| {
         let problem = format!("is a {name} file, which is not supported");
-        Err(Error::unusable(path, problem, "convert it to PLY, OBJ, OFF or STL, as with MeshLab or trimesh"))
+        // Converted, points would be refused again: they have no faces.
+        let remedy = if POINT_CLOUDS.contains(&extension.as_str()) || name.ends_with("point cloud") {
+            "reconstruct a surface from its points first, as with MeshLab or Open3D"
+        } else {
+            "convert it to PLY, OBJ, OFF or STL, as with MeshLab or trimesh"
+        };
+        Err(Error::unusable(path, problem, remedy))
     };
     if let Some((_, name)) = FOREIGN.iter().find(|(magic, _)| start.starts_with(magic)) {
         return refuse(name);
