@@ -11,6 +11,10 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// No single body has as many parts: they are the pieces of an assembly. Pieces that are small beside the mean part, or
+/// beside the cells, of which there are two thousand, share a part.
+const ASSEMBLY: usize = 500;
+
 /// The report.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
@@ -183,7 +187,16 @@ impl Report {
     pub fn remarks(&self, params: &SegmentParams) -> Vec<String> {
         // A requested number may well exceed the number of natural parts.
         let found = params.parts.count == PartCount::Found && self.input.faces > 1;
-        self.inside().into_iter().chain(self.doubts().filter(|_| found)).collect()
+        let of_found = self.doubts().into_iter().chain(self.crowded()).filter(|_| found);
+        self.inside().into_iter().chain(of_found).collect()
+    }
+
+    /// That parts hold several of the pieces of an assembly; `None` if they do not, or if that is unknown.
+    fn crowded(&self) -> Option<String> {
+        let (pieces, parts) = (self.input.components, self.decision.as_ref()?.parts_found);
+        let remedy = "as connected components each is a part of its own";
+        (parts >= ASSEMBLY && pieces > parts as u64)
+            .then(|| format!("some of the {pieces} separate pieces share a part: {remedy}"))
     }
 
     /// Number of parts that have faces: if parts are transferred, the reference may leave numbers unused.

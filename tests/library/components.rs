@@ -93,3 +93,24 @@ fn options_without_effect_are_refused() {
         assert!(error.starts_with(told), "{error}");
     }
 }
+
+/// Regression: a thousand like pieces were cut into fewer parts without a word, since pieces that are small beside the
+/// mean part join a neighbour.
+#[test]
+fn pieces_that_share_a_part_are_told() {
+    let corners = |k: usize| [0, 1, 2, 3].map(|i| [(3 * (k % 40) + i % 2) as f64, (3 * (k / 40) + i / 2) as f64, 0.]);
+    let squares = |count: usize| {
+        let faces: Vec<[u32; 3]> =
+            (0..count as u32).flat_map(|k| [[0, 1, 2], [2, 1, 3]].map(|f| f.map(|v| 4 * k + v))).collect();
+        Mesh::from_vecs((0..count).flat_map(corners).collect(), faces).unwrap()
+    };
+    let told = |count, segmenter: Segmenter| {
+        let cut = segmenter.run(&squares(count)).unwrap();
+        let note = format!("some of the {count} separate pieces share a part: as connected components each is a part");
+        (cut.parts(), cut.report().notes.iter().any(|told| told.starts_with(&note)))
+    };
+    let (parts, noted) = told(2_600, Segmenter::new());
+    assert!((500..2_600).contains(&parts) && noted, "{parts}");
+    assert_eq!(told(2_600, Segmenter::new().method(Cluster::Components)), (2_600, false));
+    assert_eq!(told(20, Segmenter::new()), (20, false));
+}
