@@ -224,6 +224,10 @@ impl Running<'_, '_> {
         let others = run.threads > 1 && spec.wanted() > 1;
         let found = &mut |landmark: u32, known: Option<&[f32]>| {
             failed.check()?;
+            if landmark as usize >= spec.nodes {
+                let problem = format!("chose node {landmark}, but there are {}, counted from 0", spec.nodes);
+                return Err(Error::parameter("sampling", problem, "choose nodes of the graph"));
+            }
             let k = row;
             row += 1;
             sink.enter(landmark);
@@ -239,6 +243,10 @@ impl Running<'_, '_> {
         };
         let search = SearchGraph { graph, nodes, lengths: self.lengths };
         let cost = GraphSpace::new(search, front, sink, run).sample(sampler, spec.rows, field, found)?;
+        if row < spec.rows {
+            let problem = format!("chose {row} of {} landmarks", spec.rows);
+            return Err(Error::parameter("sampling", problem, "choose as many as are requested"));
+        }
         if sampler.is_costly() {
             let l = spec.rows;
             run.progress.note_of_work(&format!(

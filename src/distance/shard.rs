@@ -239,6 +239,39 @@ mod tests {
         }
     }
 
+    /// Chooses these faces, whatever is asked for.
+    #[derive(Serialize)]
+    struct These([u32; 3]);
+
+    impl Sampler for These {
+        fn choose(&self, _: usize, _: u64, _: &mut dyn Space, _: &mut [f32], found: &mut Found<'_>) -> Result<()> {
+            self.0.iter().try_for_each(|&face| found(face, None))
+        }
+    }
+
+    /// Regression: a caller's sampler that chose too few faces, or one that does not exist, was reported as a bug of
+    /// this library; the latter as a panic.
+    #[test]
+    fn a_callers_sampler_that_errs_is_told_so() {
+        let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
+        let points = [[0f32, 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+        let mesh = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
+        let run = Run::new(&());
+        let context = Context::new(&work, &run);
+        let graph = DualGraph::build(&mesh, "mesh".as_ref(), &Value::Null, context).unwrap();
+        let weighted = graph.weighted(Metric::Geodesic, context).unwrap();
+        let rows = |l, faces| {
+            DistanceRows::build(&weighted, graph.nodes.view(), RowParams::new(l, These(faces)), context)
+                .map(|rows| rows.landmarks)
+                .map_err(|error| error.to_string())
+        };
+        assert_eq!(rows(3, [2, 0, 3]), Ok(vec![2, 0, 3]));
+        let told = "sampling: chose node 4, but there are 4, counted from 0; choose nodes of the graph";
+        assert_eq!(rows(3, [1, 4, 0]), Err(told.into()));
+        let told = "sampling: chose 3 of 4 landmarks; choose as many as are requested";
+        assert_eq!(rows(4, [1, 2, 0]), Err(told.into()));
+    }
+
     #[test]
     fn a_shard_that_is_killed_leaves_no_rows_of_other_options() {
         let dir = tempfile::tempdir().unwrap();
