@@ -26,8 +26,8 @@ finer = nystrom_stream.segment(vertices, faces, detail=0.5)
 five = nystrom_stream.segment(vertices, faces, 5)
 print(f"{len(finer.report['parts'])} parts in more detail, {len(np.unique(five.labels))} when asked for")
 
-# %% Where is it unsure? Quality is low where members of the ensemble disagree.
-print(f"{100 * np.mean(cut.quality < 0.5):.1f} % of the faces are doubtful")
+# %% Which parts would most people not cut out?
+print("unsure parts:", [part["label"] for part in parts if part.get("unsure")] or "none")
 
 # %% Correct it: the two smallest parts become one, which gets a name.
 smallest = sorted(parts, key=lambda part: part["area"])[:2]
