@@ -68,8 +68,11 @@
 //!
 //! # Features
 //!
-//! None is needed to cut meshes. `pictures`, `plots`, `pages` and `parquet` add output formats, `correspondence` adds
-//! matching, `sprs` the weighted graph as a matrix of that crate, `cli` (on by default) the program.
+//! None is needed to cut meshes, so a crate that does may depend on this one with `default-features = false`.
+//! `pictures`, `plots`, `pages` and `parquet` add output formats, `correspondence` adds matching, `sprs` the weighted
+//! graph as a matrix of that crate (version 0.11), `cli` (on by default) the program.
+//!
+//! A debug build takes some ten times as long; `opt-level = 3` under `[profile.dev.package."*"]` avoids that.
 
 #[cfg(not(unix))]
 compile_error!("nystrom-stream maps files and locks folders as Unix does: Linux is supported, macOS compiles");
