@@ -201,8 +201,9 @@ impl PartTree {
         self.cut(detail_threshold(detail))
     }
 
-    /// The part of each cell for 1, 2, … parts: up to `most`, or as many as there are cells. Each cut takes up to 15 ms
-    /// on 2,000 cells, so all of them take half a minute.
+    /// The part of each cell for 1, 2, … parts: up to `most`, or as many as there are cells. Each cut is found by
+    /// bisection under up to four limits, and cleans some dozens of labellings: on 2,000 cells, thirty cuts take a
+    /// tenth of a second, all of them less than half a minute.
     ///
     /// # Errors
     /// As [`PartTree::cut_k`].
