@@ -16,7 +16,7 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::ply::ElementKind;
-use nystrom_stream::mesh::{Mesh, ends_with, ply};
+use nystrom_stream::mesh::{Mesh, ply};
 use nystrom_stream::pipeline::admission::{admit_two, identity_of_two};
 use nystrom_stream::pipeline::correspond::{
     CorrespondParams, Correspondence, Guidance, correspond_guided, default_landmarks_for_vertices,
@@ -185,28 +185,14 @@ impl CorrespondArgs {
 
     /// Every output has the extension of its format.
     fn check_extensions(&self) -> Result<(), CliError> {
-        if let Some(path) = self.output.iter().find(|path| !files::is_known(path)) {
-            let (path, extensions) = (path.display(), files::EXTENSIONS);
-            return Err(CliError::Usage(format!("-o {path}: unknown extension; use {extensions}")));
-        }
+        check_extensions("-o", &self.output, &["npy", "csv", "parquet"], &format!("use {}", files::EXTENSIONS))?;
         check_extensions("--initial-map", &self.initial_map, &["npy", "csv"], "give a .npy or .csv file")?;
-        let one = Option::as_slice;
-        for (option, paths, extension) in [
-            ("colours", self.colours.as_slice(), "ply"),
-            ("picture", one(&self.picture), "png"),
-            ("carried", one(&self.carried), "ply"),
-            ("points", one(&self.points), "npy"),
-            ("functional-map", one(&self.functional_map), "npy"),
-            ("functions", self.functions.as_slice(), "npy"),
-        ] {
-            if let Some(path) = paths.iter().find(|path| !ends_with(path, extension)) {
-                return Err(CliError::Usage(format!(
-                    "--{option} {}: wrong extension; use .{extension}",
-                    path.display()
-                )));
-            }
-        }
-        Ok(())
+        check_extensions("--colours", &self.colours, &["ply"], "use .ply")?;
+        check_extensions("--picture", &self.picture, &["png"], "use .png")?;
+        check_extensions("--carried", &self.carried, &["ply"], "use .ply")?;
+        check_extensions("--points", &self.points, &["npy"], "use .npy")?;
+        check_extensions("--functional-map", &self.functional_map, &["npy"], "use .npy")?;
+        check_extensions("--functions", &self.functions, &["npy"], "use .npy")
     }
 }
 

@@ -3,12 +3,12 @@
 
 use super::input::check_there;
 use super::options::{AppContext, CliError, misfit};
-use super::output::{JsonArgs, check_charts};
+use super::output::{JsonArgs, check_charts, check_extensions};
 use super::progress::{Bars, Style};
 use super::sink::check_places;
 use nystrom_stream::apps::correspond::{Errors, accuracy, files};
 use nystrom_stream::apps::evaluate::{
-    Benchmark, Evaluator, MeanScores, ScoreTable, Scores, Segmentation, fitting, read_labels,
+    Benchmark, Evaluator, LABEL_EXTENSIONS, MeanScores, ScoreTable, Scores, Segmentation, fitting, read_labels,
 };
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::base::{Error, Result};
@@ -77,6 +77,7 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
     if args.samples.is_some() && args.matches.is_none() {
         return Err(misfit("--samples", "--matches"));
     }
+    check_formats(args)?;
     let inputs = args.labels.iter().chain(&args.mesh).chain(&args.truth).chain(&args.matches);
     check_places(inputs.clone(), None, args.plot.iter().chain(&args.json.json))?;
     inputs.into_iter().try_for_each(|path| check_there(path))?;
@@ -93,6 +94,20 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
         (None, None) => return Err(CliError::Usage("give labels, or --benchmark".into())),
     };
     Ok(args.json.publish_or_print(&json, &format!("{}\n", text.trim_end()))?)
+}
+
+/// Rejects files of labels or matches in an unknown format, before any work.
+fn check_formats(args: &EvaluateArgs) -> std::result::Result<(), CliError> {
+    if args.matches.is_some() {
+        let (known, remedy) = (["npy", "csv"], "give a .npy or .csv file");
+        check_extensions("--matches", &args.matches, &known, remedy)?;
+        return check_extensions("--truth", &args.truth, &known, remedy);
+    }
+    let remedy = "give a .seg, .npy or .ply file";
+    // Those of a benchmark are a folder.
+    let labels = args.labels.iter().filter(|_| args.benchmark.is_none());
+    check_extensions("LABELS", labels, &LABEL_EXTENSIONS, remedy)?;
+    check_extensions("--truth", &args.truth, &LABEL_EXTENSIONS, remedy)
 }
 
 /// Checks the arguments for matches, and scores them.

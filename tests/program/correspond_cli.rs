@@ -226,8 +226,8 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         (vec!["-o", out, "--alternative", "40"], 2, "count from 0"),
         (vec!["-o", out, "--carry", "x"], 2, "--carried"),
         (vec!["-q", "-o", out, "--refine", "none", "--carry", "nothing", "--carried", "m.ply"], 1, "nothing"),
-        (vec!["-o", out, "--picture", "m.jpg"], 2, "--picture m.jpg: wrong extension; use .png"),
-        (vec!["-o", out, "--functions", "a.npy", "b.csv"], 2, "--functions b.csv: wrong extension; use .npy"),
+        (vec!["-o", out, "--picture", "m.jpg"], 2, "--picture m.jpg: unknown extension; use .png"),
+        (vec!["-o", out, "--functions", "a.npy", "b.csv"], 2, "--functions b.csv: unknown extension; use .npy"),
     ] {
         refused(&[&["correspond", word(&a), word(&b)], &words[..]].concat(), code, part);
     }
@@ -249,7 +249,9 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         (vec!["--matches", word(&fine), "--mesh", mesh, "--samples", "0"], 2, "--samples"),
         // It had no effect.
         (vec!["x.seg", "--truth", "x.seg", "--samples", "5"], 2, "--samples can only be used with --matches"),
-        (vec!["--matches", word(&a), "--mesh", word(&a)], 1, "unknown extension"),
+        // Regression: misuse, but it was called a file that cannot be used.
+        (vec!["--matches", word(&a), "--mesh", word(&a)], 2, ".ply: unknown extension; give a .npy or .csv file"),
+        (vec!["--matches", word(&fine), "--mesh", mesh, "--truth", mesh], 2, "--truth"),
     ] {
         refused(&[&["evaluate"], &words[..]].concat(), code, part);
     }

@@ -133,7 +133,17 @@ fn what_is_wrong_is_said_in_one_line() {
         ("evaluate ours/1.seg --mesh 1.ply --truth 2_0.seg", 1, "2_0.seg: has 360 labels"),
         ("evaluate ours/1.seg --mesh 1.ply --truth none.seg", 1, "none.seg"),
         ("evaluate 1.ply --truth 1_0.seg", 1, "no face property `label`"),
-        ("evaluate models.tsv --truth 1_0.seg", 1, "unknown extension"),
+        // Regression: both ended with 1, the second only after the labels had been read.
+        (
+            "evaluate models.tsv --truth 1_0.seg",
+            2,
+            "LABELS models.tsv: unknown extension; give a .seg, .npy or .ply file",
+        ),
+        (
+            "evaluate short.seg --mesh 1.ply --truth 1_0.seg --truth models.tsv",
+            2,
+            "--truth models.tsv: unknown extension",
+        ),
         ("evaluate --benchmark . empty", 1, "has no labels of any model"),
         ("evaluate --benchmark . nowhere", 1, "nowhere"),
         ("evaluate --benchmark empty ours", 1, "models.tsv"),

@@ -22,13 +22,6 @@ fn extension(path: &Path) -> Option<String> {
     path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
 }
 
-/// Whether [`write()`] supports the extension of this name.
-pub fn is_known(path: &Path) -> bool {
-    let extension = extension(path);
-    matches!(extension.as_deref(), Some("npy" | "csv"))
-        || cfg!(feature = "parquet") && extension.as_deref() == Some("parquet")
-}
-
 /// Writes matches to `path`, `.npy`, `.csv` or `.parquet`, by rename.
 ///
 /// ```

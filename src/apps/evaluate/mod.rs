@@ -11,7 +11,7 @@ mod boundaries;
 mod contingency;
 mod scores;
 
-pub use benchmark::{Benchmark, BenchmarkModel, Evaluation, fitting, read_labels};
+pub use benchmark::{Benchmark, BenchmarkModel, Evaluation, LABEL_EXTENSIONS, fitting, read_labels};
 pub use boundaries::Evaluator;
 pub use contingency::{
     Consistency, Contingency, Hamming, Marginal, Overlap, consistency, contingency, hamming, matches, rand, rand_area,
