@@ -5,6 +5,7 @@
 
 use super::options::{CliError, ForceArgs};
 use super::output::MESH_EXTENSIONS;
+use super::patterns::{Matches, is_pattern};
 use super::provenance::is_output;
 use super::sink::folder_of;
 use nystrom_stream::apps::export::split;
@@ -113,7 +114,7 @@ pub struct Given {
     pub meshes: Vec<PathBuf>,
     /// Whether they are treated as a batch.
     pub several: bool,
-    /// Folders that could not be listed, and why: each counts as a mesh that failed.
+    /// Files and folders that could not be looked at, and why: each counts as a mesh that failed.
     pub unlisted: Vec<(PathBuf, Error)>,
 }
 
@@ -138,22 +139,11 @@ pub fn meshes(words: &[PathBuf]) -> Result<Given, CliError> {
             found.retain(|path| named(path, &MESH_EXTENSIONS) && is_file(path) && !is_hidden(path));
             found.sort();
             ("holds no mesh (.ply, .obj, .off, .stl, or these with .gz)", "choose another folder")
-        } else if !word.exists() && text.contains(['*', '?', '[']) {
-            let wrong = |problem: String| CliError::Usage(format!("{text}: {problem}"));
-            // As in a shell.
-            let options = glob::MatchOptions { require_literal_leading_dot: true, ..glob::MatchOptions::new() };
-            for path in glob::glob_with(&text, options)
-                .map_err(|error| wrong(format!("invalid pattern: {error}; write [[] for a bracket")))?
-            {
-                match path {
-                    Ok(path) => found.push(path),
-                    Err(error) => {
-                        let folder = error.path().to_path_buf();
-                        let error = Error::io(&folder, "list")(error.into());
-                        unlisted.push((folder, error));
-                    }
-                }
-            }
+        } else if is_pattern(word) && !word.exists() {
+            let wrong = |error| CliError::Usage(format!("{text}: invalid pattern: {error}; write [[] for a bracket"));
+            let matches = Matches::of(word).map_err(wrong)?;
+            found = matches.found;
+            unlisted.extend(matches.unseen);
             // Any other pattern that matches parts is meant to.
             found.retain(|path| !text.contains("**") || !is_part(path));
             ("matches no file", "check the pattern")

@@ -16,6 +16,7 @@ mod input;
 mod method;
 mod options;
 mod output;
+mod patterns;
 mod picture;
 mod plan;
 mod plot;

@@ -355,6 +355,14 @@ fn a_folder_that_cannot_be_listed_fails_and_the_rest_is_done() {
     assert!(told.contains(&format!("failed: {name}: cannot list: ")), "{told}");
     assert!(told.lines().next_back().unwrap().starts_with("2 meshes: 1 done, 1 failed, in "), "{told}");
     assert!(lines.len() == 2 && lines[0]["mesh"] == name && lines[0]["error"].is_string(), "{lines:?}");
+    // Regression: where no wildcard follows the folder, it was passed over still.
+    let output = cut(&dir.path().join("*/grid.ply"), "-q");
+    let told = errors(&output);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(
+        told.contains(&format!("{name}/grid.ply: cannot open: ")) && told.contains("1 of 2 meshes failed"),
+        "{told}"
+    );
     // Nor may the files of a folder be looked at: each of them fails.
     mode(&closed, 0o644);
     let told = errors(&cut(&closed, "-q"));
