@@ -11,8 +11,8 @@ use serde::Serialize;
 /// Bytes allocated besides what stages state: queues of fronts, buffers of writers.
 pub const BASE: u64 = 2 << 20;
 
-/// Bytes that deciding about parts may allocate outside the budget: enough for all defaults. What more landmarks need
-/// must fit the budget.
+/// Bytes that deciding about parts, and later splitting faces, may allocate outside the budget: enough for all
+/// defaults. What more landmarks need must fit the budget.
 pub const BESIDE_BUDGET: u64 = 40 << 20;
 
 /// The size of a run.

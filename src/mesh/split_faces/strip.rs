@@ -3,7 +3,7 @@
 //! A vertex is on a boundary if its faces have several labels; every face of such a vertex belongs to the strip. Two
 //! passes over the faces find them. While they run, memory is one bit per vertex, and four bytes per vertex for as many
 //! vertices at a time as the budget allows. In a soup, where each face has vertices of its own and those at one
-//! position count as one, it is 32 bytes. The result grows only with the strip.
+//! position count as one, it is 32 bytes. The result grows only with the strip; up to 40 MB of it are not counted.
 
 use crate::base::bit_set::BitSet;
 use crate::base::groups::Groups;
@@ -13,13 +13,14 @@ use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
 use crate::store::Run;
 use crate::store::budget::Grant;
+use crate::store::needs::BESIDE_BUDGET;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Faces between two checks of the stop flag.
 const CHUNK: usize = 1 << 14;
 /// Minimum number of vertices in a block, if there are as many.
 const LEAST: usize = 1 << 12;
-/// Bytes of the budget per corner of the strip, for all of its data.
+/// Bytes per corner of the strip, for all of its data.
 const BYTES: u64 = 250;
 /// The first label of a vertex without a face.
 const NONE: u32 = u32::MAX;
@@ -191,7 +192,10 @@ fn faces_of(mesh: &Mesh, bits: &Bits, run: &Run) -> Result<(Vec<u32>, Grant)> {
         Ok(mine)
     };
     let corners: u64 = run.map_chunks(chunk_count(n, CHUNK), || (), count)?.into_iter().sum();
-    let grant = run.budget.take("faces along boundaries", BYTES * corners, BYTES * corners)?;
+    // What the decision about parts may take beside the budget is free by now. Without it, an output was refused after
+    // all work where the budget is a few megabytes.
+    let bytes = (BYTES * corners).saturating_sub(BESIDE_BUDGET);
+    let grant = run.budget.take_or("faces along boundaries", bytes, "leave out `split_faces`")?;
     if u32::try_from(corners).is_err() {
         return Err(Error::unusable(
             mesh.path(),
