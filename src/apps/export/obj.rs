@@ -171,6 +171,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     let source = bytes.as_ref().map(|bytes| Source::of(bytes, n, &work, run)).transpose()?.flatten();
     let own = source.as_ref().is_none_or(|source| !source.has_materials);
     let materials = material_file(path);
+    let is_new = own && !materials.exists();
     if own {
         if materials != path.with_extension("mtl") {
             let kept = path.with_extension("mtl");
@@ -187,7 +188,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
             file.write_all(text.as_bytes()).map_err(Error::io(&materials, "write"))
         })?;
     }
-    publish(path, 0, |file| {
+    let written = publish(path, 0, |file| {
         let mut out = Gather::new(path, file);
         out.buffer.extend_from_slice(b"# parts by nystrom-stream, an object and a group each\n");
         if own {
@@ -202,7 +203,12 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
         let names = names(parts, labelling);
         each_part(labelling.labels, parts, run, |faces| writer.write(faces, &names[faces.part as usize], &mut out))?;
         out.finish()
-    })
+    });
+    if written.is_err() && is_new {
+        // Materials of nothing; the error that counts is the first.
+        std::fs::remove_file(&materials).ok();
+    }
+    written
 }
 
 /// The files in `folder` named by the words after `mtllib`: a single one if such a file exists, with blanks in its
@@ -383,6 +389,23 @@ mod tests {
         }
         all.sort_unstable();
         all
+    }
+
+    /// Regression: where the disk became full, the materials of no file stayed.
+    #[test]
+    fn without_the_file_there_are_no_new_materials() {
+        let dir = tempfile::tempdir().unwrap();
+        let [out, materials] = ["out.obj", "out.mtl"].map(|name| dir.path().join(name));
+        let mesh = Mesh::from_slices(&[[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]], &[[0, 1, 2]]).unwrap();
+        let labelling = Labelling { labels: &[0], colours: &[[255, 0, 0]], quality: None, names: &[] };
+        let stopped = Run::new(&());
+        stopped.cancel.cancel();
+        assert!(write(&out, &mesh, &labelling, &stopped).is_err());
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        // Those of an earlier file stay with it.
+        write(&out, &mesh, &labelling, &Run::new(&())).unwrap();
+        assert!(write(&out, &mesh, &labelling, &stopped).is_err());
+        assert!(out.exists() && materials.exists());
     }
 
     #[test]
