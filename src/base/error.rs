@@ -126,6 +126,7 @@ fn hint(action: &str, error: &io::Error) -> &'static str {
         io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => "; check the path",
         io::ErrorKind::InvalidFilename => "; shorten the path, or choose another name",
         io::ErrorKind::FileTooLarge => "; raise the limit of file sizes (ulimit -f), or choose another file system",
+        io::ErrorKind::IsADirectory if action == "read" => "; give a file",
         io::ErrorKind::AlreadyExists | io::ErrorKind::IsADirectory => "; choose another name",
         io::ErrorKind::PermissionDenied if ["open", "read"].contains(&action) => "; check its permissions",
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {

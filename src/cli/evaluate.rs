@@ -1,7 +1,7 @@
 //! `evaluate`: scores labels against those of people, for one mesh or for the folder of a benchmark; scores matches of
 //! `correspond` against true ones.
 
-use super::input::check_there;
+use super::input::{check_is_file, check_there};
 use super::options::{AppContext, CliError, misfit};
 use super::output::{JsonArgs, check_charts, check_extensions};
 use super::progress::{Bars, Style};
@@ -80,6 +80,7 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
     check_formats(args)?;
     let inputs = args.labels.iter().chain(&args.mesh).chain(&args.truth).chain(&args.matches);
     check_places(inputs.clone(), None, args.plot.iter().chain(&args.json.json))?;
+    args.mesh.iter().try_for_each(|path| check_is_file(path))?;
     inputs.into_iter().try_for_each(|path| check_there(path))?;
     let bars = Bars::new(if args.quiet { Style::Quiet } else { Style::of_terminal() });
     let mut run = Run::new(&bars);

@@ -43,10 +43,16 @@ pub fn read(path: &Path, force: ForceArgs, context: Context<'_>) -> Result<(mesh
 
 /// Opens the file at `path`; decoded arrays go to `folder`. Notes oddities.
 pub fn open_file(path: &Path, folder: &Path, run: &Run) -> Result<mesh::Mesh, Error> {
+    check_is_file(path)?;
+    open_noting(run, || mesh::open(path, folder, run))
+}
+
+/// Rejects standard input where it is not read.
+pub fn check_is_file(path: &Path) -> Result<(), Error> {
     if path.as_os_str() == "-" {
         return Err(Error::unusable(path, "standard input is not read here", "give a file, or /dev/stdin"));
     }
-    open_noting(run, || mesh::open(path, folder, run))
+    Ok(())
 }
 
 /// Runs `open` as a stage, and notes oddities of the mesh.

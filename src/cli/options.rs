@@ -210,7 +210,12 @@ pub fn parse_size(text: &str) -> Result<u64, String> {
         other => return Err(format!("{other:?} is not a unit; write MiB or GiB")),
     };
     let bytes = number * unit;
-    if (1e6..1e18).contains(&bytes) { Ok(bytes as u64) } else { Err(format!("{text} is out of range; at least 1MB")) }
+    let wrong = |bound| Err(format!("{text} is out of range; {bound}"));
+    match bytes {
+        ..1e6 => wrong("at least 1MB"),
+        1e18.. => wrong("less than 1000000TB"),
+        bytes => Ok(bytes as u64),
+    }
 }
 
 #[cfg(test)]

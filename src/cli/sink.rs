@@ -55,8 +55,10 @@ impl Sink {
         }
         let folder = folder_of(path);
         if !folder.is_dir() {
-            let problem = format!("its folder {} does not exist", folder.display());
-            return Err(Error::unusable(path, problem, "create it first"));
+            let there = folder.exists();
+            let (problem, remedy) =
+                if there { ("is not a folder", "choose another") } else { ("does not exist", "create it first") };
+            return Err(Error::unusable(path, format!("its folder {} {problem}", folder.display()), remedy));
         }
         tempfile::tempfile_in(folder).map(drop).map_err(Error::io(path, "create"))
     }

@@ -229,6 +229,10 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-k", "2", "--cluster", "kmeans", "--sigma=nan"], "choose a positive number"),
         (&["segment", mesh, "-k", "2", "--threads", "0"], "out of range; choose from 1 to 65535"),
         (&["segment", mesh, "-k", "2", "--max-memory", "12"], "at least 1MB"),
+        // Regression: it was too little.
+        (&["segment", mesh, "-k", "2", "--max-memory", "2000000TB"], "less than 1000000TB"),
+        // Regression: not named as an option.
+        (&["picture", mesh, "--tilt=inf"], "--tilt: inf is not an angle"),
         (&["segment", mesh, "-k", "2", "--max-memory", "2 parsecs"], "is not a unit; write MiB or GiB"),
         (&["segment", mesh, "-k", "2", "--no-such"], "--no-such"),
         (&["demo", "--faces", "9999999999"], "--faces"),
@@ -800,6 +804,18 @@ fn folders_and_several_files_are_looked_at_before_any_work() {
     // Regression: a map of an unknown format was found after both meshes were read, and ended with 1.
     let map = ["correspond", mesh, mesh, "-o", "x.npy", "--initial-map", "x.seg"];
     told(&map, 2, "x.seg: unknown extension; give a .npy or .csv file");
+    // Regressions: it was looked for as a file; a file was said not to exist; a folder was to get another name.
+    told(
+        &["evaluate", "x.seg", "--mesh", "-", "--truth", "x.seg"],
+        1,
+        "-: standard input is not read here; give a file",
+    );
+    told(&["segment", mesh, "-o", "x.seg/x.ply"], 1, "its folder x.seg is not a folder; choose another");
+    told(
+        &["segment", mesh, "-o", "x.ply", "--edits", "work"],
+        1,
+        "work: cannot read: Is a directory (os error 21); give a file",
+    );
     // Names, before a hierarchy is written.
     let export = ["export", "--work-dir", "work", "-o", "x.ply", "--names", "no.tsv", "--tree", "tree.json"];
     told(&export, 1, "no.tsv: cannot read");
