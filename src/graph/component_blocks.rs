@@ -2,12 +2,14 @@
 //!
 //! Nearly all neighbours of a node are close to it in number. So each block has a forest of its own, built by any
 //! thread in its cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred. One
-//! more pass gives each node its final root. Where faces are scattered there are too many such edges; then
+//! more pass gives each node its final root. If rows are assembled part by part, each is a block, joined while it is
+//! in the cache, and the edges to earlier ones follow at once ([`RootsWriter`]). Otherwise this is a pass of its own
+//! ([`find_roots`]). Where faces are scattered there are too many such edges; then
 //! [`super::components`] processes node by node. A representative is the least member of its set, so both methods give
 //! the same roots. That requires that all windings agree: with contradicting parities, the order matters.
 //!
-//! Cost: about 3 ns per face and thread, 12 bytes read and 4 written, plus 8 bytes per edge between blocks, of which
-//! there may be [`MOST_BETWEEN`].
+//! Cost: about 3 ns per face and thread and 4 bytes written; in a pass of its own also 12 bytes read, and memory of 8
+//! bytes per edge between blocks, of which there may be [`MOST_BETWEEN`].
 
 use super::Csr;
 use crate::base::Result;

@@ -5,8 +5,8 @@
 //! must be flipped: a parity between nodes, kept in the top bit of the parent. A contradiction (Möbius strip, some
 //! non-manifold edges) leaves the later edge unsatisfied. The parent array is a mapped file (4 B per node): with faces
 //! in scan or curve order its accesses are as local as the graph's. About 10 ns per face, on one thread. If all
-//! windings agree, which the signs of the shared edges' lengths show, components are found block by block on all
-//! threads instead (`component_blocks.rs`).
+//! windings agree, which the signs of the shared edges' lengths show, components are joined block by block
+//! (`component_blocks.rs`): where rows are assembled, or, if that is done in memory, on all threads afterwards.
 //!
 //! If there are several, they are numbered by their first nodes, and their data are arrays in the work directory, in
 //! memory where the budget has room: 16 bytes per component, and one search among the first nodes for each run of nodes

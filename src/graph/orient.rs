@@ -7,9 +7,10 @@
 //! only the normals in the node geometry; faces are written unchanged. Edges whose faces still contradict keep their
 //! negative length: no orientation exists there.
 //!
-//! Time: one sequential pass over nodes, in which computed ones are summed up too; the rest only if something has to be
-//! flipped. Memory: a chunk of nodes; 73 bytes per component in the work directory, in memory where the budget has
-//! room.
+//! Time: one pass over nodes, in which computed ones are summed up too; none if a mesh is one component and its nodes
+//! were summed up while its rows were assembled. The rest only if something has to be flipped. Memory: a chunk of nodes
+//! for each thread, and up to 80 bytes per node of it if each is a component of its own; 73 bytes per component in the
+//! work directory, in memory where the budget has room.
 
 use super::components::Components;
 use super::dual_edges::{DualEdges, EDGES};
