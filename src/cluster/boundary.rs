@@ -21,7 +21,6 @@ use super::normals::lengths;
 use super::shorten::{HOPS, PASSES, shorten};
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
-use crate::distance::front::mean_weight;
 use crate::distance::voronoi::{self, VisitedPieces};
 use crate::distance::{DistanceRows, SharedFront};
 use crate::graph::{Csr, DualGraph, WeightedGraph};
@@ -257,7 +256,7 @@ fn straighten(
 ) -> Result<ScratchArray<u32>> {
     let run = context.run;
     let (lengths, steps) = (lengths(graph), weighted.csr());
-    let mean = mean_weight(lengths);
+    let mean = graph.edges.mean_step();
     let across = |i: usize| steps.neighbours(i as u32).any(|(j, _)| labels[j as usize] != labels[i]);
     let open = run.fill_chunks(
         field,

@@ -18,7 +18,6 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{MapEach, dot};
 use crate::distance::SharedFront;
-use crate::distance::front::mean_weight;
 use crate::graph::Csr;
 use crate::graph::angle::between;
 use crate::graph::{DualGraph, Node};
@@ -226,7 +225,7 @@ const ROUNDS: f64 = 500.;
 pub fn averaged(graph: &DualGraph, shares: &AreaShares, r: f32, file: &str, context: Context<'_>) -> Result<Normals> {
     let n = graph.nodes.len();
     let shared = graph.edges.shared();
-    let mean = f64::from(mean_weight(lengths(graph)) * shares.unit);
+    let mean = f64::from(graph.edges.mean_step() * shares.unit);
     let rounds = if mean > 0. { (f64::from(r) / mean).powi(2).round().min(ROUNDS) as usize } else { 0 };
     let mut normals: Vec<[f32; 3]> = (0..n).map(|i| graph.nodes.at(i).normal).collect();
     let mut next = normals.clone();

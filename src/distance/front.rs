@@ -18,6 +18,7 @@ use super::queue::{Entry, Queue};
 use super::steps::{FAR, Packed, Plain, Steps, look_ahead, warm_up};
 use super::ties::Ties;
 use crate::base::{Cancel, Result};
+use crate::graph::csr::SampledMean;
 use crate::graph::{Csr, RowStarts};
 use crate::store::mapped::{Access, Writeback, advise, will_need};
 
@@ -169,13 +170,7 @@ impl std::ops::Add for Visits {
 /// The mean weight of a graph, from 65,536 to 131,071 evenly spread entries, or from all if there are fewer. These may
 /// touch the whole file of a mapped graph: use [`typical_weight`] for bucket widths.
 pub fn mean_weight(graph: Csr<'_>) -> f32 {
-    let step = (graph.weights.len() / 65_536).max(1);
-    let (mut sum, mut count) = (0f64, 0u32);
-    for &w in graph.weights.iter().step_by(step) {
-        sum += f64::from(w);
-        count += 1;
-    }
-    if count == 0 { 1. } else { (sum / f64::from(count)) as f32 }
+    SampledMean::mean(SampledMean::of(graph.weights.len()).sample(0, graph.weights))
 }
 
 /// Number of runs of entries sampled for a typical weight, and entries in each.

@@ -18,6 +18,7 @@ use crate::base::parallel::{chunk_count, chunk_range, parts_of};
 use crate::base::simd::dispatch;
 use crate::mesh::Mesh;
 use crate::store::Context;
+use std::sync::Arc;
 
 /// Nodes that a thread takes at a time; a multiple of the block size of row starts.
 const NODES: usize = 1 << 14;
@@ -85,6 +86,7 @@ pub(super) fn assemble_in_memory(
         edge: edges.finish(false)?,
         computed: None,
         mixed: mixed.contains(&true),
+        mean: Arc::default(),
     }))
 }
 

@@ -123,6 +123,29 @@ pub struct Csr<'a> {
     pub triangles: &'a [TriangleNeighbours],
 }
 
+/// A mean of weights from some of them: 65,536 to 131,071 evenly spread ones, or all if there are fewer.
+pub(crate) struct SampledMean {
+    step: usize,
+}
+
+impl SampledMean {
+    /// For a graph of `entries` entries.
+    pub fn of(entries: usize) -> Self {
+        Self { step: (entries / 65_536).max(1) }
+    }
+
+    /// The sampled ones of `weights`, which begin with entry `first`.
+    pub fn sample(&self, first: usize, weights: &[f32]) -> impl Iterator<Item = f32> {
+        weights.iter().skip((self.step - first % self.step) % self.step).step_by(self.step).copied()
+    }
+
+    /// Their mean, given all of them in order; 1 if there are none.
+    pub fn mean(sampled: impl Iterator<Item = f32>) -> f32 {
+        let (sum, count) = sampled.fold((0f64, 0u32), |(sum, count), weight| (sum + f64::from(weight), count + 1));
+        if count == 0 { 1. } else { (sum / f64::from(count)) as f32 }
+    }
+}
+
 impl<'a> Csr<'a> {
     /// A graph of these arrays alone.
     pub fn new(starts: RowStarts<'a>, indices: &'a [u32], weights: &'a [f32]) -> Self {

@@ -8,7 +8,7 @@
 //! memory, workers write the rows in place instead (`assemble_in_memory.rs`).
 
 use super::component_blocks::{BlockRoots, RootsWriter};
-use super::csr::{Csr, INDICES};
+use super::csr::{Csr, INDICES, SampledMean};
 use super::face_rows::{FaceRows, Filled, Listing, RowScratch, Rows};
 use super::frame::Frame;
 use super::half_edge_pairs::{HalfEdgePairs, PartPairs};
@@ -23,7 +23,7 @@ use crate::mesh::Mesh;
 use crate::store::npy::{ArrayMut, ArrayWriter};
 use crate::store::{Context, MappedSlice, WorkDir};
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// The file of the centroid distances.
 pub(super) const CENTROID_DISTANCES: &str = "graph_centroid_distances.npy";
@@ -47,6 +47,8 @@ pub struct DualEdges {
     pub(super) computed: Option<Arc<ComputedEdges>>,
     /// Whether any length of a shared edge may be negative.
     pub(super) mixed: bool,
+    /// The mean step, once it is known.
+    pub(super) mean: Arc<OnceLock<f32>>,
 }
 
 impl DualEdges {
@@ -70,6 +72,7 @@ impl DualEdges {
             edge: edge.map_or(Ok(MappedSlice::empty()), |edge| work.array_of(edge, entries))?,
             computed: None,
             mixed: edge.is_some(),
+            mean: Arc::default(),
         })
     }
 
@@ -101,7 +104,14 @@ impl DualEdges {
         edge: MappedSlice<f32>,
     ) -> Self {
         let mixed = edge.iter().any(|length| *length < 0.);
-        Self { starts, indices, centroid_distance, edge, computed: None, mixed }
+        Self { starts, indices, centroid_distance, edge, computed: None, mixed, mean: Arc::default() }
+    }
+
+    /// The mean step, from evenly spread entries: known where steps were weighted before, since sampling them reads the
+    /// whole file of a mapped graph.
+    pub fn mean_step(&self) -> f32 {
+        let steps = &self.centroid_distance[..];
+        *self.mean.get_or_init(|| SampledMean::mean(SampledMean::of(steps.len()).sample(0, steps)))
     }
 
     /// The graph with the lengths of the shared edges: for passes over neighbours.
@@ -156,6 +166,7 @@ impl EdgesWriter {
             edge: self.edge.map_or(Ok(MappedSlice::empty()), |writer| writer.finish(false))?,
             computed: None,
             mixed: self.mixed,
+            mean: Arc::default(),
         })
     }
 }

@@ -11,6 +11,7 @@
 //! and thread.
 
 use super::angle::{between, chord2};
+use super::csr::SampledMean;
 use super::dual_edges::DualEdges;
 use super::node_geometry::NodeGeometry;
 use super::nodes::Node;
@@ -192,7 +193,8 @@ impl Weighting<'_> {
         let rows = |k: usize| chunk_range(starts.len(), NODES, k);
         let chunks = chunk_count(starts.len(), NODES);
         let ends = (0..chunks).map(|k| starts.span(rows(k).end as u32 - 1).end);
-        run.fill_pieces(parts_of(out, ends), Vec::new, |k, out, held| {
+        let mean = SampledMean::of(lengths.len());
+        let sampled = run.fill_pieces(parts_of(out, ends), Vec::new, |k, out, held| {
             let entries = starts.entries_of(rows(k));
             run.will_need(indices, entries.clone());
             run.will_need(lengths, entries.clone());
@@ -209,8 +211,9 @@ impl Weighting<'_> {
                     out[i] = weight(own, to, lengths[i], edge.opposite_winding(row as u32, e)).max(LEAST);
                 }
             });
-            Ok(())
+            Ok(mean.sample(first, lengths).collect::<Vec<f32>>())
         })?;
+        edges.mean.get_or_init(|| SampledMean::mean(sampled.into_iter().flatten()));
         Ok(())
     }
 
@@ -287,5 +290,26 @@ mod tests {
         let ratios = weights.csr().weights.iter().zip(lengths.weights).map(|(weight, length)| weight / length);
         let (least, most) = ratios.fold((f32::MAX, 0f32), |(least, most), ratio| (least.min(ratio), most.max(ratio)));
         assert!(least > 0. && most < 1.001 * least, "{least} {most}");
+    }
+
+    /// The mean step that weighting leaves behind is that of one pass over all steps, to the bit.
+    #[test]
+    fn the_mean_step_is_known_from_weighting() {
+        let (width, height) = (300u32, 150u32);
+        let points: Vec<[f64; 3]> = (0..width * height)
+            .map(|v| [f64::from(v % width), f64::from(v / width), f64::from(v * 37 % 11) / 7.])
+            .collect();
+        let quads = (0..width * (height - 1)).filter(|v| v % width + 1 < width);
+        let faces: Vec<[u32; 3]> =
+            quads.flat_map(|v| [[v, v + 1, v + width + 1], [v, v + width + 1, v + width]]).collect();
+        let mesh = Mesh::from_slices(&points, &faces).unwrap();
+        let (run, work) = (Run::new(&()), WorkDir::temporary(&std::env::temp_dir()).unwrap());
+        let context = Context::new(&work, &run);
+        let graph = DualGraph::build(&mesh, "sheet".as_ref(), &Value::Null, context).unwrap();
+        let steps = graph.edges.centroid_distance.to_vec();
+        let sampled: Vec<f64> = steps.iter().step_by(steps.len() / 65_536).map(|&step| f64::from(step)).collect();
+        assert!(steps.len() > 4 * 65_536 && sampled.len() < steps.len() / 2);
+        graph.weighted(Metric::default(), context).unwrap();
+        assert_eq!(graph.edges.mean.get(), Some(&((sampled.iter().sum::<f64>() / sampled.len() as f64) as f32)));
     }
 }
