@@ -71,8 +71,9 @@ pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result
 /// results are incomplete and must not be used.
 fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsize) -> Vec<[u32; 2]> {
     let (mut between, mut room) = (Vec::new(), 0);
+    let nodes = first..first + roots.len();
     let mut forest = BlockForest::new(first, roots);
-    graph.starts.each(first..first + forest.len(), |node, span| {
+    graph.starts.each(nodes, |node, span| {
         let mut push = |edge| {
             if between.len() == room {
                 // The limit applies to all threads together.
@@ -96,17 +97,12 @@ fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsi
 struct BlockForest<'a> {
     start: u32,
     forest: ParityForest<'a>,
-    len: usize,
 }
 
 impl<'a> BlockForest<'a> {
     /// No nodes yet of the block that starts at `first`; `roots` may be uninitialised.
     fn new(first: usize, roots: &'a mut [u32]) -> Self {
-        Self { start: first as u32, len: roots.len(), forest: ParityForest::new(roots) }
-    }
-
-    fn len(&self) -> usize {
-        self.len
+        Self { start: first as u32, forest: ParityForest::new(roots) }
     }
 
     /// Adds `node`, the next one, whose neighbours ascend in `row`; calls `between` with its edges to earlier blocks.
