@@ -74,20 +74,19 @@ fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsi
     let nodes = first..first + roots.len();
     let mut forest = BlockForest::new(first, roots);
     graph.starts.each(nodes, |node, span| {
+        // Once the limit is exceeded the result is of no use.
+        let row = if room == FULL { &[] } else { &graph.indices[span] };
         let mut push = |edge| {
             if between.len() == room {
                 // The limit applies to all threads together.
-                room = if room < FULL && held.fetch_add(RESERVED_EDGES, Relaxed) < MOST_BETWEEN {
-                    room + RESERVED_EDGES
-                } else {
-                    FULL
-                };
+                room =
+                    if held.fetch_add(RESERVED_EDGES, Relaxed) < MOST_BETWEEN { room + RESERVED_EDGES } else { FULL };
             }
             if room < FULL {
                 between.push(edge);
             }
         };
-        forest.add(node as u32, &graph.indices[span], &mut push);
+        forest.add(node as u32, row, &mut push);
     });
     forest.finish();
     between
