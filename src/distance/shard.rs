@@ -239,6 +239,15 @@ mod tests {
         }
     }
 
+    /// The graph of a tetrahedron, without and with weights.
+    fn tetrahedron(context: Context<'_>) -> (DualGraph, WeightedGraph) {
+        let points = [[0f32, 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+        let mesh = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
+        let graph = DualGraph::build(&mesh, "mesh".as_ref(), &Value::Null, context).unwrap();
+        let weighted = graph.weighted(Metric::Geodesic, context).unwrap();
+        (graph, weighted)
+    }
+
     /// Chooses these faces, whatever is asked for.
     #[derive(Serialize)]
     struct These([u32; 3]);
@@ -254,12 +263,9 @@ mod tests {
     #[test]
     fn a_callers_sampler_that_errs_is_told_so() {
         let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
-        let points = [[0f32, 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
-        let mesh = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
         let run = Run::new(&());
         let context = Context::new(&work, &run);
-        let graph = DualGraph::build(&mesh, "mesh".as_ref(), &Value::Null, context).unwrap();
-        let weighted = graph.weighted(Metric::Geodesic, context).unwrap();
+        let (graph, weighted) = tetrahedron(context);
         let rows = |l, faces| {
             DistanceRows::build(&weighted, graph.nodes.view(), RowParams::new(l, These(faces)), context)
                 .map(|rows| rows.landmarks)
@@ -276,12 +282,9 @@ mod tests {
     fn a_shard_that_is_killed_leaves_no_rows_of_other_options() {
         let dir = tempfile::tempdir().unwrap();
         let work = WorkDir::open(dir.path()).unwrap();
-        let points = [[0f32, 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
-        let mesh = Mesh::from_slices(&points, &[[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
         let run = Run::new(&());
         let context = Context::new(&work, &run);
-        let graph = DualGraph::build(&mesh, "mesh".as_ref(), &Value::Null, context).unwrap();
-        let weighted = graph.weighted(Metric::Geodesic, context).unwrap();
+        let (graph, weighted) = tetrahedron(context);
         let rows = |run: &Run| {
             let params = RowParams::new(4, BySeed);
             compute(&weighted, graph.nodes.view(), params, (0, 2), Context::new(&work, run))
