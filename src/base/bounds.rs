@@ -1,9 +1,32 @@
-//! Axis-aligned bounding boxes, as used by trees over points and triangles: each node has one box around all below it.
+//! Axis-aligned bounding boxes, in single precision as used by trees over points and triangles, where each node has one
+//! box around all below it, and in double precision around a mesh.
 //!
-//! Distances are rounded like those between points, so no point in a box is nearer than the box itself. 24 bytes per
-//! box.
+//! Distances are rounded like those between points, so no point in a box is nearer than the box itself. 24 or 48 bytes
+//! per box.
 
 use bytemuck::{Pod, Zeroable};
+
+/// Least and greatest corner of a box.
+pub type BoundingBox = [[f64; 3]; 2];
+
+/// The empty box: infinite, with the least corner above the greatest.
+pub const EMPTY: BoundingBox = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+
+/// Grows a box to contain the points `p` and `q`; no coordinate of `q` is less than that of `p`.
+#[inline]
+pub fn grow([low, high]: &mut BoundingBox, p: [f64; 3], q: [f64; 3]) {
+    for axis in 0..3 {
+        (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(q[axis]));
+    }
+}
+
+/// The smallest box around several boxes.
+pub fn around(extents: impl IntoIterator<Item = BoundingBox>) -> BoundingBox {
+    extents.into_iter().fold(EMPTY, |mut all, [low, high]| {
+        grow(&mut all, low, high);
+        all
+    })
+}
 
 /// An axis-aligned box: the least and greatest coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]

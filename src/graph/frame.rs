@@ -4,8 +4,8 @@
 //! of the bounding box ([`crate::mesh::extent`]).
 
 use crate::base::Result;
+use crate::base::bounds::BoundingBox;
 use crate::mesh::Mesh;
-use crate::mesh::extent::BoundingBox;
 use crate::store::Run;
 use serde::{Deserialize, Serialize};
 

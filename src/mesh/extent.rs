@@ -5,41 +5,25 @@
 //! unused vertices, and a pass over every corner would take as long as reading the mesh. So the box of all vertices is
 //! taken if faces use the vertices that it touches.
 //!
-//! Cost: about 1 ns per position, plus a few faces near each of six vertices. If these are not found there, a pass over
-//! all corner indices, less than 1 ns each; if no face uses one of them, a pass over all corner positions.
+//! Cost: about 1 ns per position, once for a mesh and its clones, which keep the boxes around runs of vertices; plus a
+//! few faces near each of six vertices. If these are not found there, a pass over all corner indices, less than 1 ns
+//! each; if no face uses one of them, a pass over all corner positions.
 
 use super::geometry::Mesh;
+use super::positions::BOX;
 use crate::base::Result;
+use crate::base::bounds::{EMPTY, around, grow};
 use crate::base::vector::finite;
 use crate::store::Run;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
+pub use crate::base::bounds::BoundingBox;
+
+/// Faces of a chunk.
 const CHUNK: usize = 1 << 16;
 /// Faces searched first on either side of where a vertex is expected to be used, judging by its number.
 const NEAR: usize = 1 << 11;
-
-/// Least and greatest corner of a box.
-pub type BoundingBox = [[f64; 3]; 2];
-
-/// The empty box: infinite, with the least corner above the greatest.
-pub(crate) const EMPTY: BoundingBox = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-
-/// Grows a box to contain the points `p` and `q`; no coordinate of `q` is less than that of `p`.
-#[inline]
-pub(crate) fn grow([low, high]: &mut BoundingBox, p: [f64; 3], q: [f64; 3]) {
-    for axis in 0..3 {
-        (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(q[axis]));
-    }
-}
-
-/// The smallest box around several boxes.
-pub(crate) fn around(extents: impl IntoIterator<Item = BoundingBox>) -> BoundingBox {
-    extents.into_iter().fold(EMPTY, |mut all, [low, high]| {
-        grow(&mut all, low, high);
-        all
-    })
-}
 
 impl Mesh {
     /// The bounding box of the vertices that faces use and that have a position, as least and greatest corner.
@@ -59,22 +43,12 @@ impl Mesh {
     /// [`crate::base::Error::Cancelled`].
     pub fn extent(&self, run: &Run) -> Result<BoundingBox> {
         let positions = &self.positions;
-        let of_vertices = |range: Range<usize>| {
-            let mut extent = EMPTY;
-            for v in range {
-                let p = positions.get(v as u32);
-                if finite(p) {
-                    grow(&mut extent, p, p);
-                }
-            }
-            Ok(extent)
-        };
-        let extents = run.map_ranges(positions.len(), CHUNK, of_vertices)?;
+        let extents = positions.boxes(run)?;
         let all = around(extents.iter().copied());
         let mut outer: Vec<u32> = Vec::with_capacity(6);
         for (end, axis) in (0..2).flat_map(|end| (0..3).map(move |axis| (end, axis))) {
             let Some(chunk) = extents.iter().position(|extent| extent[end][axis] == all[end][axis]) else { continue };
-            let vertices = chunk * CHUNK..positions.len().min((chunk + 1) * CHUNK);
+            let vertices = chunk * BOX..positions.len().min((chunk + 1) * BOX);
             let touches = |v: &u32| {
                 let p = positions.get(*v);
                 finite(p) && p[axis] == all[end][axis]

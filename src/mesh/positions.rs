@@ -1,12 +1,19 @@
 //! Vertex positions in mapped bytes or an array in memory, at any offset in each record.
 //!
 //! Floating-point coordinates in a file are read in place, whatever else its records contain. A position costs its 12
-//! or 24 bytes of mapped file, and a few nanoseconds; repaired positions of strays are few and kept in memory.
+//! or 24 bytes of mapped file, and a few nanoseconds; repaired positions of strays are few and kept in memory. So are
+//! the boxes around runs of 65,536 vertices, 48 bytes each, once they have been asked for.
 
+use crate::base::bounds::{BoundingBox, EMPTY, grow};
+use crate::base::vector::finite;
 use crate::base::{Error, Result};
-use crate::store::MappedBytes;
+use crate::store::{MappedBytes, Run};
+use std::ops::Range;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
+
+/// Vertices in a box of [`Positions::boxes`].
+pub(super) const BOX: usize = 1 << 16;
 
 /// Vertices, ascending, and their replacement positions.
 type Repairs = Arc<[(u32, [f64; 3])]>;
@@ -41,6 +48,8 @@ pub struct Positions {
     layout: StridedLayout,
     /// Positions that replace those in the bytes; see [`super::strays`].
     repairs: Option<Repairs>,
+    /// The result of [`Positions::boxes`], once it is known.
+    boxes: Arc<OnceLock<Vec<BoundingBox>>>,
 }
 
 impl Positions {
@@ -56,12 +65,15 @@ impl Positions {
             let problem = "coordinates lie outside their record";
             return Err(Error::malformed(path, "vertices", problem, "write the file again"));
         }
-        Ok(Self { bytes, layout, repairs: None })
+        Ok(Self { bytes, layout, repairs: None, boxes: Arc::default() })
     }
 
     /// Replaces positions in the bytes by `repairs`, ascending by vertex.
     pub(super) fn repair(&mut self, repairs: Vec<(u32, [f64; 3])>) {
         self.repairs = (!repairs.is_empty()).then(|| repairs.into());
+        if self.repairs.is_some() {
+            self.boxes = Arc::default();
+        }
     }
 
     pub(super) fn layout(&self) -> StridedLayout {
@@ -85,6 +97,28 @@ impl Positions {
     /// Whether coordinates have 64 bits.
     pub fn is_double(&self) -> bool {
         self.layout.double
+    }
+
+    /// The box around the finite positions of each run of [`BOX`] vertices. Computed once.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub(super) fn boxes(&self, run: &Run) -> Result<&[BoundingBox]> {
+        if let Some(known) = self.boxes.get() {
+            return Ok(known);
+        }
+        let around_run = |range: Range<usize>| {
+            let mut extent = EMPTY;
+            for v in range {
+                let p = self.get(v as u32);
+                if finite(p) {
+                    grow(&mut extent, p, p);
+                }
+            }
+            Ok(extent)
+        };
+        let boxes = run.map_ranges(self.len(), BOX, around_run)?;
+        Ok(self.boxes.get_or_init(|| boxes))
     }
 
     /// The position of vertex `v`; NaN if there is no such vertex. Always inlined, so that coordinates stay in

@@ -19,10 +19,11 @@
 //! - [`ALWAYS_FROM`]: anything else, such as walls and separate pieces. A single-precision coordinate could not hold
 //!   the rest of the mesh together with it.
 //!
-//! Cost: about 1 ns per position; if there are candidates, also about 5 ns per corner.
+//! Cost: that of the boxes around runs of vertices, which the bounding box needs too; if there are candidates, also
+//! about 5 ns per corner.
 
 use super::geometry::Mesh;
-use super::positions::Positions;
+use super::positions::{BOX, Positions};
 use crate::base::Result;
 use crate::base::union_find::Forest;
 use crate::base::vector::{distance, finite, position_key};
@@ -55,6 +56,7 @@ const LONG: f64 = 0.9;
 const CORE: [f64; 2] = [0.05, 0.95];
 /// Number of vertices and faces sampled for quantiles.
 const SAMPLE: usize = 4096;
+/// Faces of a chunk.
 const CHUNK: usize = 1 << 16;
 
 /// Replacement positions of strays, ascending by vertex; NaN where there is none.
@@ -147,17 +149,20 @@ fn find(mesh: &Mesh, run: &Run) -> Result<Repairs> {
     let [low, high] = core.reach();
     // If there are too many, they are not stored: which ones they are does not matter then.
     let count = AtomicUsize::new(0);
-    // Nearly always there are none, so this avoids a branch per vertex and per axis.
-    let is_out = |p: [f64; 3]| (0..3).fold(false, |out, axis| out | (p[axis] < low[axis]) | (p[axis] > high[axis]));
-    let is_far = |p: [f64; 3]| finite(p) && is_out(p);
+    let is_out =
+        |least: [f64; 3], greatest: [f64; 3]| (0..3).any(|axis| least[axis] < low[axis] || greatest[axis] > high[axis]);
+    let is_far = |p: [f64; 3]| finite(p) && is_out(p, p);
+    // Nearly always there are none.
+    let boxes = positions.boxes(run)?;
     let outside = |range: Range<usize>| {
-        if !range.clone().fold(false, |out, v| out | is_out(positions.get(v as u32))) {
+        let [least, greatest] = boxes[range.start / BOX];
+        if !is_out(least, greatest) {
             return Ok(Vec::new());
         }
         let far = range.map(|v| v as u32).filter(|&v| is_far(positions.get(v)));
         Ok(far.take_while(|_| count.fetch_add(1, Relaxed) < few).collect::<Vec<u32>>())
     };
-    let mut candidates = run.map_ranges(positions.len(), CHUNK, outside)?.concat();
+    let mut candidates = run.map_ranges(positions.len(), BOX, outside)?.concat();
     if count.into_inner() > few {
         // Most of them may be unused, so they are not part of the geometry.
         candidates = used_where(mesh, is_far, run)?;

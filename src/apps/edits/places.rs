@@ -5,10 +5,10 @@
 //! of which is for the bounding box; 16 bytes per point and thread.
 
 use super::data::{Edit, Edits, Place};
+use crate::base::bounds::{EMPTY, around, grow};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
 use crate::base::vector::{finite, length, minus, triangle_distance};
 use crate::base::{Error, Result};
-use crate::mesh::extent::{EMPTY, around, grow};
 use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use std::sync::Mutex;
