@@ -392,7 +392,7 @@ pub fn assign(
             let range = chunk_range(n, FACES_PER_CHUNK, chunk);
             if chunk % CHUNKS_ASKED == 0 {
                 let end = n.min(range.start + CHUNKS_ASKED * FACES_PER_CHUNK);
-                (0..rows.len()).for_each(|row| run.will_need(rows.row(row), range.start..end));
+                (0..rows.len()).for_each(|row| run.will_need_pages(rows.row(row), range.start..end));
             }
             let distances = |row: usize| &rows.row(row)[range.clone()];
             let affinities = &mut s.affinities[..m * rows.len()];

@@ -78,12 +78,14 @@ pub(super) enum Initial<'v, O> {
     FreshWhere(&'v VisitedPieces),
 }
 
-/// The limit and the initial content of a front.
+/// The limit of a front, the initial content of its values, and how they are read.
 #[derive(Clone, Copy)]
 pub(super) struct Reach<'v, O> {
     /// Nodes at this distance or beyond are not visited.
     pub limit: f32,
     pub initial: Initial<'v, O>,
+    /// Whether rows and values are requested from the kernel as the front reaches them.
+    pub paged: bool,
 }
 
 /// The values of consecutive nodes.
@@ -103,8 +105,7 @@ pub(super) struct Scratch {
 /// Runs the front inside the nodes whose values are passed, starting from the messages of `inbox`, nearest first.
 pub(super) fn front<O: Label>(
     graph: Csr<'_>,
-    paged: bool,
-    Reach { limit, initial }: Reach<'_, O>,
+    Reach { limit, initial, paged }: Reach<'_, O>,
     Values { first, field, label }: Values<'_, O>,
     inbox: &[Message<O>],
     Scratch { queue, batch }: &mut Scratch,

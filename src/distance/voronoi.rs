@@ -28,6 +28,7 @@ use crate::base::parallel::{fill_two, lock};
 use crate::base::{Cancel, Result};
 use crate::graph::Csr;
 use crate::store::Run;
+use crate::store::access::reads_large_pages;
 use crate::store::mapped::{Access, advise, prefetch};
 use std::ops::Range;
 use std::sync::Mutex;
@@ -274,18 +275,25 @@ impl<'a> BlockDijkstra<'a> {
         let mailboxes: Vec<_> = (0..field.len().div_ceil(self.block)).map(|_| Mutex::new(Vec::new())).collect();
         self.deliver(messages, &mailboxes);
         let mut ties = Ties::default();
-        self.advise(Access::Random, field, label);
         for round in 0.. {
+            // The first front from dense sources visits everything, later ones only boundaries of blocks.
+            let everything = round == 0 && matches!(initial, Initial::Fresh(_)) && reads_large_pages();
+            if !everything {
+                self.advise(Access::Random, field, label);
+            }
+            let paged = self.paged && !everything;
             let front = |k: usize, field: &mut [f32], label: &mut [O], scratch: &mut Scratch| {
                 if let (0, Initial::Fresh(none)) = (round, initial) {
                     field.fill(f32::INFINITY);
                     label.fill(none);
-                    self.will_need(k);
+                    if paged {
+                        self.will_need(k);
+                    }
                     self.fetch(k * self.block..k * self.block + field.len());
                 }
                 let inbox = std::mem::take(&mut *lock(&mailboxes[k]));
                 let values = Values { first: k * self.block, field, label };
-                let outcome = self.rounds_within(Reach { limit, initial }, values, inbox, scratch)?;
+                let outcome = self.rounds_within(Reach { limit, initial, paged }, values, inbox, scratch)?;
                 self.deliver(outcome.messages, &mailboxes);
                 Ok(outcome.ties)
             };
@@ -313,9 +321,6 @@ impl<'a> BlockDijkstra<'a> {
     /// Asks the kernel to read the rows of block `k` + threads, which some thread will start soon; at the first block,
     /// of all blocks up to that one.
     fn will_need(&self, k: usize) {
-        if !self.paged {
-            return;
-        }
         let ahead = if k == 0 { 0..self.threads + 1 } else { k + self.threads..k + self.threads + 1 };
         for nodes in ahead
             .map(|k| k * self.block..((k + 1) * self.block).min(self.graph.len()))
@@ -366,7 +371,7 @@ impl<'a> BlockDijkstra<'a> {
         };
         if self.block <= PIECE_NODES {
             sort(&mut messages);
-            return Ok(front(self.graph, self.paged, reach, values, &messages, scratch));
+            return Ok(front(self.graph, reach, values, &messages, scratch));
         }
         let Values { field, label, .. } = values;
         let mut all = Outcome { messages: Vec::new(), ties: Ties::default() };
@@ -380,8 +385,7 @@ impl<'a> BlockDijkstra<'a> {
                 let start = piece(&group[0]) * PIECE_NODES;
                 let end = (start + PIECE_NODES).min(field.len());
                 let (field, label) = (&mut field[start..end], &mut label[start..end]);
-                let outcome =
-                    front(self.graph, self.paged, reach, Values { first: first + start, field, label }, group, scratch);
+                let outcome = front(self.graph, reach, Values { first: first + start, field, label }, group, scratch);
                 all.ties.add(outcome.ties, Ties::most(self.graph));
                 for message in outcome.messages {
                     let inside = nodes.contains(&(message.node as usize));

@@ -18,14 +18,17 @@
 //!
 //! # Cost
 //! A view costs no memory of its own; a page is read at its first access (about 0.1–0.25 µs per cached page of 4 KiB,
-//! measured) and may be dropped by the kernel at any time.
+//! measured) and may be dropped by the kernel at any time. Large files are read in pages of 2 MiB where the kernel
+//! can ([`super::access`]).
 #![allow(unsafe_code)]
+
+pub use super::access::Access;
 
 use super::budget::{Budget, Grant};
 use super::claims::Claim;
 use crate::base::{Error, Result};
 use bytemuck::Pod;
-use memmap2::{Advice, Mmap, MmapMut};
+use memmap2::{Mmap, MmapMut};
 use std::fs::File;
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
@@ -93,27 +96,6 @@ impl AlignedBuffer {
     }
 }
 
-/// The expected access pattern of a mapping; passed on to the kernel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Access {
-    /// Nearby pages soon: the kernel's default read-ahead.
-    Local,
-    /// Once from start to end: aggressive read-ahead, early reclaim.
-    Sequential,
-    /// Anywhere: no read-ahead.
-    Random,
-}
-
-impl Access {
-    fn advice(self) -> Advice {
-        match self {
-            Self::Local => Advice::Normal,
-            Self::Sequential => Advice::Sequential,
-            Self::Random => Advice::Random,
-        }
-    }
-}
-
 /// The bytes of a whole file, mapped read-only, or of an array in memory. Clones share them.
 #[derive(Clone)]
 pub struct MappedBytes {
@@ -174,13 +156,14 @@ impl MappedBytes {
         // SAFETY: see the module's text: nobody in this process writes to the file as long as the claim lives, and
         // every use of its content is checked.
         let map = unsafe { Mmap::map(&file) }.map_err(Error::io(path, "map"))?;
+        advise(&map, Access::Local);
         Ok(Self { map: Some(Arc::new(Bytes::File(claim, map, path.to_path_buf()))) })
     }
 
     /// Advises the kernel how the bytes will be read. Failures are ignored.
     pub fn advise(&self, access: Access) {
         if let Some(Bytes::File(_, map, _)) = self.map.as_deref() {
-            let _ = map.advise(access.advice());
+            advise(map, access);
         }
     }
 
@@ -354,7 +337,7 @@ impl<T: Pod> MappedSliceMut<T> {
     /// Advises the kernel how the array will be used.
     pub fn advise(&self, access: Access) {
         if let Some(BytesMut::File(_, map)) = &self.map {
-            let _ = map.advise(access.advice());
+            advise(map, access);
         }
     }
 }
@@ -454,7 +437,7 @@ const ASKED: usize = 128 << 10;
 
 /// Advises the kernel how the pages of `slice` will be used.
 pub fn advise<T>(slice: &[T], access: Access) {
-    advise_pages(slice, access.advice() as libc::c_int);
+    access.advice(size_of_val(slice)).for_each(|advice| advise_pages(slice, advice));
 }
 
 /// Bytes of a page of memory: 4 KiB on most machines, 16 or 64 KiB on others.

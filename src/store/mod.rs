@@ -4,6 +4,7 @@
 //! time; only what a [`Budget`] grants is allocated. If it grants enough, arrays of temporary directories are kept in
 //! memory instead ([`in_memory`]).
 
+pub mod access;
 pub mod budget;
 pub mod checked;
 mod claims;

@@ -4,6 +4,7 @@
 //! loops spawn their threads each time, some 50 µs per thread.
 
 use super::WorkDir;
+use super::access::reads_large_pages;
 use super::budget::{Budget, Grant};
 use super::mapped::will_need;
 use crate::base::{Cancel, Progress, Result, parallel};
@@ -71,8 +72,17 @@ impl<'a> Run<'a> {
 
     /// Asks the kernel to read the items `range` of `array` soon, and those of the next chunks of a pass, if arrays of
     /// the mesh exceed what it can keep in memory. By default the kernel reads megabytes around a page that is missed,
-    /// and in a small control group drops them unused. Advice only.
+    /// and in a small control group drops them unused. Where it reads large pages it is not asked: a request puts
+    /// small pages into the cache. Advice only.
     pub fn will_need<T>(&self, array: &[T], range: Range<usize>) {
+        if !reads_large_pages() {
+            self.will_need_pages(array, range);
+        }
+    }
+
+    /// The same for one of many arrays that a pass reads side by side, in small pages everywhere: large ones of all of
+    /// them might not fit in memory.
+    pub fn will_need_pages<T>(&self, array: &[T], range: Range<usize>) {
         if self.is_paged(array) {
             let end = array.len().min(range.end + AHEAD * range.len());
             will_need(&array[range.start.min(end)..end]);

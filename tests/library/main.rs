@@ -17,6 +17,7 @@ mod enclosed;
 mod evaluate_metrics;
 mod front_door;
 mod held;
+mod large_pages;
 mod means_contracted;
 mod oracles;
 mod page;
