@@ -71,7 +71,8 @@ impl Mesh {
     }
 
     /// The same mesh with its stray vertices at the mean of their neighbours; one without a finite neighbour gets no
-    /// position (NaN). Faces, the document and all other positions are shared.
+    /// position (NaN). Faces, the document and all other positions are shared. What this has returned stays as it
+    /// is.
     ///
     /// ```
     /// use nystrom_stream::{mesh::Mesh, store::Run};
@@ -92,6 +93,9 @@ impl Mesh {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn without_strays(&self, run: &Run) -> Result<Self> {
+        if self.strays() > 0 {
+            return Ok(self.clone());
+        }
         Ok(self.clone().repaired(find(self, run)?))
     }
 }

@@ -121,6 +121,21 @@ fn outputs_keep_the_positions_of_the_file() {
     assert_eq!(again.without_strays(&Run::new(&())).unwrap().strays(), 2);
 }
 
+/// Regression: to move strays a second time put them back where they were, and meshes that a caller had passed through
+/// [`Mesh::without_strays`] were cut with their strays.
+#[test]
+fn strays_that_were_moved_stay_where_they_are() {
+    let mesh = arrays(&Mesh::creature(4_000).unwrap());
+    let mesh = with_strays(&mesh, &apart(&mesh, 2), 1e6);
+    let run = Run::new(&());
+    let once = mesh.without_strays(&run).unwrap();
+    let twice = once.without_strays(&run).unwrap();
+    assert_eq!((once.strays(), twice.strays()), (2, 2));
+    assert!((0..mesh.positions.len() as u32).all(|v| twice.positions.get(v) == once.positions.get(v)));
+    let labels = |mesh: &Mesh| Segmenter::new().run(mesh).unwrap().labels().to_vec();
+    assert!(labels(&once) == labels(&mesh));
+}
+
 /// A tenth of the vertices at the origin, and of no face, while the mesh lies where a survey puts it: the box held both,
 /// the mesh was a speck in it and was left whole, its volume was a quarter, and labels came from wrong faces.
 #[test]
