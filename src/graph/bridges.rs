@@ -52,7 +52,7 @@ pub fn find_bridges(
     least: f32,
     context: Context<'_>,
 ) -> Result<Option<ArrayMut<Bridge>>> {
-    let Some(table) = &components.table else { return Ok(None) };
+    let (Some(table), Some(root)) = (&components.table, &components.root) else { return Ok(None) };
     let (run, count) = (context.run, table.count());
     let order = table.by_size(context)?;
     let mut rank: ArrayMut<u32> = context.work.array("component_rank.tmp", &[count])?;
@@ -61,7 +61,7 @@ pub fn find_bridges(
     }
     let (largest, rank) = (order.items()[0] as usize, rank.items());
     drop(order);
-    let samples = Samples::of(&components.root, table, context)?;
+    let samples = Samples::of(root, table, context)?;
     let tree = RankedTree::new(samples.points(nodes, rank, context)?, context)?;
     let mut bridges: ArrayMut<Bridge> = context.work.array("bridges.tmp", &[count - 1])?;
     let join = |k: usize, out: &mut [Bridge], (): &mut ()| {
@@ -271,7 +271,7 @@ mod tests {
             let context = Context::new(&work, &run);
             let geometry = NodeGeometry::from(work.write("nodes.npy", &nodes, 7).unwrap());
             let table = ComponentTable::of(&root, &geometry, context).unwrap();
-            let components = Components { root: root.clone().into(), mixed: false, table };
+            let components = Components { root: Some(root.clone().into()), mixed: false, table };
             let bridges = find_bridges(&components, &geometry, 0., context).unwrap();
             let bridges = bridges.as_ref().map_or(&[][..], ArrayMut::items);
             assert_eq!((components.count(), bridges.len(), expected.len()), (count, count - 1, count - 1));

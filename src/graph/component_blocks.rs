@@ -1,19 +1,20 @@
 //! Connected components in parallel: inside blocks of consecutive nodes, then over the edges between blocks.
 //!
 //! Nearly all neighbours of a node are close to it in number. So each block has a forest of its own, built by any
-//! thread in its cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred. One
-//! more pass gives each node its final root. If rows are assembled part by part, each is a block, joined while it is
-//! in the cache, and the edges to earlier ones follow at once ([`RootsWriter`]). Otherwise this is a pass of its own
-//! ([`find_roots`]). Where faces are scattered there are too many such edges; then
-//! [`super::components`] processes node by node. A representative is the least member of its set, so both methods give
-//! the same roots. That requires that all windings agree: with contradicting parities, the order matters.
+//! thread in its cache, and one thread joins the blocks' trees over the edges between them, a few in a hundred. The
+//! trees are counted: if one is left, nothing more is to do, otherwise another pass gives each node its final root. If
+//! rows are assembled part by part, each is a block, joined while it is in the cache, and the edges to earlier ones
+//! follow at once ([`RootsWriter`]). Otherwise this is a pass of its own ([`find_roots`]). Where faces are scattered
+//! there are too many such edges; then [`super::components`] processes node by node. A representative is the least
+//! member of its set, so both methods give the same roots. That requires that all windings agree: with contradicting
+//! parities, the order matters.
 //!
 //! Cost: about 3 ns per face and thread and 4 bytes written; in a pass of its own also 12 bytes read, and memory of 8
 //! bytes per edge between blocks, of which there may be [`MOST_BETWEEN`].
 
 use super::Csr;
 use crate::base::Result;
-use crate::base::union_find::{Forest, ParityForest, flatten};
+use crate::base::union_find::{Forest, ParityForest};
 use crate::store::npy::ArrayMut;
 use crate::store::{Run, WorkDir};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -30,46 +31,44 @@ const RESERVED_EDGES: usize = 1 << 8;
 /// Room of a block whose reservation failed.
 const FULL: usize = usize::MAX;
 
-/// Fills `roots` (n) with the first node of each node's component in `graph`. Returns false if memory or the limit on
-/// edges is exceeded.
+/// Fills `roots` (n) with the forest of the components of `graph`, not flattened yet, and returns their number. `None`
+/// if memory or the limit on edges is exceeded.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
-pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result<bool> {
+pub(super) fn find_roots(graph: Csr<'_>, roots: &mut [u32], run: &Run) -> Result<Option<usize>> {
     // Growing vectors may have twice the capacity that they need.
     let room = 2 * 8 * MOST_BETWEEN as u64;
-    let Ok(_grant) = run.budget.take("components", room, room) else { return Ok(false) };
+    let Ok(_grant) = run.budget.take("components", room, room) else { return Ok(None) };
     let size = NODES.max(roots.len().div_ceil(BLOCKS));
     let held = AtomicUsize::new(0);
-    let between = run.fill_chunks(
+    let blocks = run.fill_chunks(
         roots,
         size,
         || (),
         |k, parents, ()| {
             if held.load(Relaxed) > MOST_BETWEEN {
-                return Ok(Vec::new());
+                return Ok((0, Vec::new()));
             }
             Ok(block_roots(graph, k * size, parents, &held))
         },
     )?;
     if held.into_inner() > MOST_BETWEEN {
-        return Ok(false);
+        return Ok(None);
     }
-    let mut forest = Forest::of(&mut *roots);
-    for edges in between {
+    let (mut forest, mut count) = (Forest::of(roots), 0);
+    for (trees, between) in blocks {
         run.cancel.check()?;
-        for [a, b] in edges {
-            forest.join(a, b);
-        }
+        count += trees;
+        count -= between.into_iter().filter(|&[a, b]| forest.join(a, b)).count();
     }
-    flatten(roots, &run.cancel)?;
-    Ok(true)
+    Ok(Some(count))
 }
 
 /// Fills `roots` with the first node of each node's component within the block of nodes that starts at `first`; returns
-/// the edges to earlier blocks. `held` counts the edges that all blocks have reserved; beyond [`MOST_BETWEEN`] the
-/// results are incomplete and must not be used.
-fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsize) -> Vec<[u32; 2]> {
+/// the number of these components and the edges to earlier blocks. `held` counts the edges that all blocks have
+/// reserved; beyond [`MOST_BETWEEN`] the results are incomplete and must not be used.
+fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsize) -> (usize, Vec<[u32; 2]>) {
     let (mut between, mut room) = (Vec::new(), 0);
     let nodes = first..first + roots.len();
     let mut forest = BlockForest::new(first, roots);
@@ -88,8 +87,7 @@ fn block_roots(graph: Csr<'_>, first: usize, roots: &mut [u32], held: &AtomicUsi
         };
         forest.add(node as u32, row, &mut push);
     });
-    forest.finish();
-    between
+    (forest.finish(), between)
 }
 
 /// The components within a block of consecutive nodes.
@@ -120,14 +118,16 @@ impl<'a> BlockForest<'a> {
         }
     }
 
-    /// Makes each root that of the block, in numbers global to all blocks.
-    fn finish(self) {
-        let (start, roots) = (self.start, self.forest.into_parents());
+    /// Makes each root that of the block, in numbers global to all blocks. Returns the number of trees.
+    fn finish(self) -> usize {
+        let (start, roots, mut trees) = (self.start, self.forest.into_parents(), 0);
         // As `flatten`.
         for i in 0..roots.len() {
             let parent = roots[i] as usize;
+            trees += usize::from(parent == i);
             roots[i] = if parent == i { start + i as u32 } else { roots[parent] };
         }
+        trees
     }
 }
 
@@ -135,6 +135,8 @@ impl<'a> BlockForest<'a> {
 pub(super) struct BlockRoots {
     first: usize,
     roots: Vec<u32>,
+    /// Number of components within the block.
+    trees: usize,
     /// The edges to earlier blocks.
     between: Vec<[u32; 2]>,
 }
@@ -150,8 +152,8 @@ impl BlockRoots {
             forest.add(node, row, |edge| between.push(edge));
             rest = next;
         }
-        forest.finish();
-        Self { first, roots, between }
+        let trees = forest.finish();
+        Self { first, roots, trees, between }
     }
 }
 
@@ -159,32 +161,39 @@ impl BlockRoots {
 /// blocks. Nothing is held but the roots, an array of the work directory.
 pub(super) struct RootsWriter {
     /// `None` once windings disagreed.
-    roots: Option<ArrayMut<u32>>,
+    joined: Option<Joined>,
+}
+
+/// A forest of components.
+pub(super) struct Joined {
+    /// The parent of each node, none greater than its child (n).
+    pub parents: ArrayMut<u32>,
+    /// Number of components.
+    pub count: usize,
 }
 
 impl RootsWriter {
     /// For `nodes` nodes.
     pub fn create(nodes: usize, work: &WorkDir) -> Result<Self> {
-        Ok(Self { roots: Some(work.array(FILE, &[nodes])?) })
+        Ok(Self { joined: Some(Joined { parents: work.array(FILE, &[nodes])?, count: 0 }) })
     }
 
     /// Adds the next block; `None` if windings disagree there.
     pub fn push(&mut self, block: Option<BlockRoots>) {
-        let (Some(array), Some(BlockRoots { first, roots, between })) = (&mut self.roots, block) else {
-            self.roots = None;
+        let (Some(joined), Some(BlockRoots { first, roots, trees, between })) = (&mut self.joined, block) else {
+            self.joined = None;
             return;
         };
-        let all = &mut array.data()[..first + roots.len()];
+        let all = &mut joined.parents.data()[..first + roots.len()];
         all[first..].copy_from_slice(&roots);
         let mut forest = Forest::of(all);
-        for [a, b] in between {
-            forest.join(a, b);
-        }
+        joined.count += trees;
+        joined.count -= between.into_iter().filter(|&[a, b]| forest.join(a, b)).count();
     }
 
-    /// The roots, not flattened yet; `None` if windings disagree anywhere.
-    pub fn finish(self) -> Option<ArrayMut<u32>> {
-        self.roots
+    /// The forest of all nodes; `None` if windings disagree anywhere.
+    pub fn finish(self) -> Option<Joined> {
+        self.joined
     }
 }
 
@@ -193,7 +202,7 @@ mod tests {
     use super::*;
     use crate::base::Cancel;
     use crate::base::random::{below, stream};
-    use crate::base::union_find::Forest;
+    use crate::base::union_find::{Forest, flatten};
     use crate::graph::OwnedRowStarts;
     use crate::store::Budget;
 
@@ -218,11 +227,13 @@ mod tests {
     fn blocks_find_what_one_forest_finds() {
         for (n, reach, far) in [(1, 1, 0), (300, 3, 0), (100_000, 3, 0), (100_000, 2, 1), (60_000, 9, 50)] {
             let (starts, indices, expected) = graph(n, reach, far);
+            let count = (0u32..).zip(&expected).filter(|(node, root)| node == *root).count();
             for threads in [1, 3] {
                 let run = Run { threads, ..Run::new(&()) };
                 let mut roots = vec![0; n];
-                assert!(find_roots(Csr::new(starts.view(), &indices, &[]), &mut roots, &run).unwrap());
-                assert!(roots == expected, "{n} {reach} {far}");
+                let found = find_roots(Csr::new(starts.view(), &indices, &[]), &mut roots, &run).unwrap();
+                flatten(&mut roots, &run.cancel).unwrap();
+                assert!(roots == expected && found == Some(count), "{n} {reach} {far}");
             }
             // The same, joined block by block.
             let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
@@ -233,16 +244,16 @@ mod tests {
                 let entries = starts.view().entries_of(nodes);
                 writer.push(Some(BlockRoots::of(first, &degrees, &indices[entries])));
             }
-            let mut roots = writer.finish().unwrap();
-            flatten(roots.data(), &Cancel::default()).unwrap();
-            assert!(roots.items() == expected, "{n} {reach} {far}");
+            let mut joined = writer.finish().unwrap();
+            flatten(joined.parents.data(), &Cancel::default()).unwrap();
+            assert!(joined.parents.items() == expected && joined.count == count, "{n} {reach} {far}");
         }
         let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
         let mut writer = RootsWriter::create(2, &work).unwrap();
         [None, Some(BlockRoots::of(1, &[0], &[]))].into_iter().for_each(|block| writer.push(block));
         assert!(writer.finish().is_none(), "windings disagreed in the first block");
         let run = Run { budget: Budget::new(1 << 20), ..Run::new(&()) };
-        assert!(!find_roots(Csr::new(OwnedRowStarts::of([0]).view(), &[], &[]), &mut [0], &run).unwrap());
+        assert!(find_roots(Csr::new(OwnedRowStarts::of([0]).view(), &[], &[]), &mut [0], &run).unwrap().is_none());
     }
 
     /// Regression: each thread could hold as many edges between blocks as all threads together may.
@@ -256,7 +267,7 @@ mod tests {
         let starts = OwnedRowStarts::of(rows);
         let csr = Csr::new(starts.view(), &indices, &[]);
         let (held, mut roots) = (AtomicUsize::new(MOST_BETWEEN - 3 * RESERVED_EDGES), vec![0; NODES]);
-        let found = |k: usize, roots: &mut [u32]| block_roots(csr, k * NODES, roots, &held).len();
+        let found = |k: usize, roots: &mut [u32]| block_roots(csr, k * NODES, roots, &held).1.len();
         assert_eq!([5, 6, 7].map(|k| found(k, &mut roots)), [3 * RESERVED_EDGES, 0, 0]);
     }
 
@@ -276,8 +287,9 @@ mod tests {
         rows.iter_mut().for_each(|row| row.sort_unstable());
         let (starts, indices) = (OwnedRowStarts::of(rows.iter().map(Vec::len)), rows.concat());
         let mut roots = vec![1; 2 * quads];
-        assert!(find_roots(Csr::new(starts.view(), &indices, &[]), &mut roots, &Run::new(&())).unwrap());
-        assert!(roots.iter().all(|root| *root == 0));
+        let found = find_roots(Csr::new(starts.view(), &indices, &[]), &mut roots, &Run::new(&())).unwrap();
+        flatten(&mut roots, &Cancel::default()).unwrap();
+        assert!(found == Some(1) && roots.iter().all(|root| *root == 0));
     }
 
     #[test]
@@ -288,6 +300,6 @@ mod tests {
         let indices: Vec<u32> = (0..n).flat_map(rows).map(|near| near as u32).collect();
         let starts = OwnedRowStarts::of((0..n).map(|i| rows(i).len()));
         let graph = Csr::new(starts.view(), &indices, &[]);
-        assert!(!find_roots(graph, &mut vec![0; n], &Run::new(&())).unwrap());
+        assert!(find_roots(graph, &mut vec![0; n], &Run::new(&())).unwrap().is_none());
     }
 }

@@ -12,7 +12,7 @@
 //! memory where the budget has room: 16 bytes per component, and one search among the first nodes for each run of nodes
 //! of one component. A mesh may have millions (triangles that share no vertex).
 
-use super::component_blocks::{self, find_roots};
+use super::component_blocks::{self, Joined, find_roots};
 use super::dual_edges::DualEdges;
 use super::half_edge_pairs::OPPOSITE_WINDING;
 use super::node_geometry::NodeGeometry;
@@ -32,8 +32,9 @@ const SUMMED: usize = 1 << 15;
 /// The components of a graph.
 #[derive(Debug)]
 pub struct Components {
-    /// For each node the first node of its component, with [`OPPOSITE_WINDING`] if their windings disagree (n).
-    pub root: MappedSlice<u32>,
+    /// For each node the first node of its component, with [`OPPOSITE_WINDING`] if their windings disagree (n). `None`
+    /// if there is only one component and all windings agree.
+    pub root: Option<MappedSlice<u32>>,
     /// Whether any edge joins faces of contradicting winding.
     pub mixed: bool,
     /// Size and area of each, where there are several.
@@ -44,6 +45,12 @@ impl Components {
     /// How many there are.
     pub fn count(&self) -> usize {
         self.table.as_ref().map_or(1, ComponentTable::count)
+    }
+
+    /// The first node of the component of `node`, with [`OPPOSITE_WINDING`] if their windings disagree.
+    #[inline]
+    pub fn link(&self, node: usize) -> u32 {
+        self.root.as_ref().map_or(0, |root| root[node])
     }
 
     /// The number of the component with the root `link`; `near` is a guess to try first.
@@ -155,35 +162,40 @@ impl ComponentTable {
     }
 }
 
-/// Finds the components; writes [`FILE`] (u32, n). `joined` are the roots, not flattened yet, if they were joined
-/// before.
+/// Finds the components; writes [`FILE`] (u32, n) unless there is only one, whose windings all agree. `joined` are
+/// those of an earlier pass, if there was one.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
 pub(super) fn find_components(
     edges: &DualEdges,
     nodes: &NodeGeometry,
-    joined: Option<ArrayMut<u32>>,
+    joined: Option<Joined>,
     context: Context<'_>,
 ) -> Result<Components> {
-    let (array, mixed) = match joined {
-        Some(mut array) => {
-            flatten(array.data(), &context.run.cancel)?;
-            (array, false)
-        }
+    let cancel = &context.run.cancel;
+    let (mut parents, count) = match joined {
+        Some(Joined { parents, count }) => (parents, Some(count)),
         None => {
-            let mut array: ArrayMut<u32> = context.work.array(FILE, &[nodes.len()])?;
-            let side_by_side = !edges.mixed && find_roots(edges.by_distance(), array.data(), context.run)?;
-            let mixed = !side_by_side && node_by_node(edges, array.data(), &context.run.cancel)?;
-            (array, mixed)
+            let mut parents: ArrayMut<u32> = context.work.array(FILE, &[nodes.len()])?;
+            let count = if edges.mixed { None } else { find_roots(edges.by_distance(), parents.data(), context.run)? };
+            (parents, count)
         }
     };
-    let root = array.finish(false)?;
+    if count == Some(1) {
+        drop(parents);
+        context.work.remove(FILE);
+        return Ok(Components { root: None, mixed: false, table: None });
+    }
+    let mixed = count.is_none() && node_by_node(edges, parents.data(), cancel)?;
+    flatten(parents.data(), cancel)?;
+    let root = parents.finish(false)?;
     let table = ComponentTable::of(&root, nodes, context)?;
-    Ok(Components { root, mixed, table })
+    Ok(Components { root: Some(root), mixed, table })
 }
 
-/// Fills `parent` (n) with [`Components::root`]. Returns whether any edge joins faces of contradicting winding.
+/// Fills `parent` (n) with the forest of the components, not flattened yet. Returns whether any edge joins faces of
+/// contradicting winding.
 fn node_by_node(edges: &DualEdges, parent: &mut [u32], cancel: &Cancel) -> Result<bool> {
     let (n, mut mixed) = (parent.len(), false);
     let mut parents = ParityForest::new(parent);
@@ -201,6 +213,5 @@ fn node_by_node(edges: &DualEdges, parent: &mut [u32], cancel: &Cancel) -> Resul
             (mine, my_parity) = parents.join((mine, my_parity), near, opposite_winding);
         }
     }
-    flatten(parents.into_parents(), cancel)?;
     Ok(mixed)
 }

@@ -190,14 +190,14 @@ impl DualGraph {
         let (pairs, counts) = half_edges::matched(mesh, path, blocks?, context)?;
         let assembled = match assemble_in_memory(mesh, &frame, &nodes, &pairs, context)? {
             None => assemble(mesh, &frame, &nodes, &pairs, context)?,
-            Some(edges) => Some(Assembled { edges, whole: None, roots: None }),
+            Some(edges) => Some(Assembled { edges, whole: None, joined: None }),
         };
         drop(pairs);
         // Too many edges cannot be computed from two faces alone: store all edges instead.
-        let Some(Assembled { edges, whole, roots }) = assembled else {
+        let Some(Assembled { edges, whole, joined }) = assembled else {
             return Self::make(&GraphStage { computed: false, ..*stage }, context, key);
         };
-        let components = find_components(&edges, &nodes, roots, context)?;
+        let components = find_components(&edges, &nodes, joined, context)?;
         let Oriented { mut edges, nodes, facts: orientation, sums } =
             orient(edges, nodes, sums, whole, &components, context)?;
         let bridges = find_bridges(&components, &nodes, 0., context)?;
@@ -222,7 +222,7 @@ impl DualGraph {
             frame,
         };
         let components = if facts.components > 1 {
-            Some(components.root)
+            components.root
         } else {
             drop(components);
             context.work.remove(components::FILE);

@@ -7,7 +7,7 @@
 //! sequentially; the last 12 are omitted if geometry is computed ([`super::node_geometry`]). If everything fits in
 //! memory, workers write the rows in place instead (`assemble_in_memory.rs`).
 
-use super::component_blocks::{BlockRoots, RootsWriter};
+use super::component_blocks::{BlockRoots, Joined, RootsWriter};
 use super::csr::{Csr, INDICES, SampledMean};
 use super::face_rows::{FaceRows, Filled, Listing, RowScratch, Rows};
 use super::frame::Frame;
@@ -20,7 +20,7 @@ use super::row_starts::{OwnedRowStarts, StartsForm};
 use crate::base::Result;
 use crate::base::simd::dispatch;
 use crate::mesh::Mesh;
-use crate::store::npy::{ArrayMut, ArrayWriter};
+use crate::store::npy::ArrayWriter;
 use crate::store::{Context, MappedSlice, WorkDir};
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
@@ -176,8 +176,8 @@ pub(super) struct Assembled {
     pub edges: DualEdges,
     /// The sums of the nodes, if these are computed from the mesh and parts consist of whole chunks.
     pub whole: Option<WholeSums>,
-    /// The roots of the components, before they are flattened, unless windings disagree.
-    pub roots: Option<ArrayMut<u32>>,
+    /// The components, unless windings disagree.
+    pub joined: Option<Joined>,
 }
 
 /// Assembles the rows and writes row starts, `graph_indices`, `graph_centroid_distances`, `graph_shared_edge_lengths`;
@@ -219,7 +219,7 @@ pub(super) fn assemble(
     let listed: Arc<[ListedEdge]> = listed.into();
     let computed = nodes.mesh().map(|mesh| Arc::new(ComputedEdges { mesh: mesh.clone(), listed }));
     let edges = DualEdges { computed, ..writer.finish()? };
-    Ok(Some(Assembled { edges, whole, roots: roots.finish() }))
+    Ok(Some(Assembled { edges, whole, joined: roots.finish() }))
 }
 
 /// The rows of a range of nodes.

@@ -87,7 +87,7 @@ fn flip(
     }
     // Faces that contradict the first one are flipped exactly if the first one is not.
     let is_flipped = |node: usize| {
-        let link = components.root[node];
+        let link = components.link(node);
         (flips_first[components.number(link, 0)] != 0) != (link & OPPOSITE_WINDING != 0)
     };
     if let Some(mesh) = nodes.mesh() {
@@ -108,7 +108,7 @@ fn component_sums(
     components: &Components,
     context: Context<'_>,
 ) -> Result<(ArrayMut<OrientationSums>, NodeSums)> {
-    let root = &components.root[..];
+    let links = components.root.as_deref();
     let mut sums: ArrayMut<OrientationSums> =
         context.work.array(SUMS, &[components.count(), OrientationSums::WIDTH])?;
     let of_components = sums.data();
@@ -122,7 +122,7 @@ fn component_sums(
             }
             None => (&nodes.array()[chunk.clone()], NodeSums::default()),
         };
-        Ok((sums_of_runs(&root[chunk], some), of_all))
+        Ok((sums_of_runs(links.map(|links| &links[chunk]), some), of_all))
     };
     let (mut number, mut all) = (0, NodeSums::default());
     let add = |_: usize, (runs, of_all): (Vec<(u32, OrientationSums)>, NodeSums)| {
@@ -138,7 +138,12 @@ fn component_sums(
 }
 
 /// The sums of each run of `nodes` in one component, and its root; `links` are [`Components::root`] of these nodes.
-fn sums_of_runs(links: &[u32], nodes: &[Node]) -> Vec<(u32, OrientationSums)> {
+fn sums_of_runs(links: Option<&[u32]>, nodes: &[Node]) -> Vec<(u32, OrientationSums)> {
+    let Some(links) = links else {
+        let mut sums = OrientationSums::default();
+        nodes.iter().for_each(|node| sums.add(node, false));
+        return vec![(0, sums)];
+    };
     let (mut runs, mut done) = (Vec::new(), 0);
     for links in links.chunk_by(|a, b| a & !OPPOSITE_WINDING == b & !OPPOSITE_WINDING) {
         // A local variable, which stays in registers.
