@@ -192,6 +192,7 @@ impl DualGraph {
             None => assemble(mesh, &frame, &nodes, &pairs, context)?,
             Some(edges) => Some(Assembled { edges, whole: None, joined: None }),
         };
+        let nonmanifold_edges = counts.nonmanifold + pairs.nonmanifold_within();
         drop(pairs);
         // Too many edges cannot be computed from two faces alone: store all edges instead.
         let Some(Assembled { edges, whole, joined }) = assembled else {
@@ -209,7 +210,7 @@ impl DualGraph {
             nodes: nodes.len() as u64,
             edges: edges.indices.len() as u64 / 2,
             boundary_edges: counts.boundary,
-            nonmanifold_edges: counts.nonmanifold,
+            nonmanifold_edges,
             welded_edges: counts.welded,
             degenerate_faces: sums.degenerate,
             nonfinite_faces: sums.nonfinite,

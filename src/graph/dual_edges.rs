@@ -138,7 +138,7 @@ pub(super) struct EdgesWriter {
 }
 
 impl EdgesWriter {
-    /// For `nodes` rows of at most `entries` entries in all. Lengths of shared edges are written if `kept`.
+    /// For `nodes` rows of some `entries` entries in all. Lengths of shared edges are written if `kept`.
     pub fn create(nodes: usize, entries: usize, form: StartsForm, kept: bool, work: &WorkDir) -> Result<Self> {
         Ok(Self {
             starts: RowStartsWriter::create(form, nodes, work)?,
@@ -196,7 +196,7 @@ pub(super) fn assemble(
     context: Context<'_>,
 ) -> Result<Option<Assembled>> {
     let kept = !nodes.is_computed();
-    let mut writer = EdgesWriter::create(nodes.len(), pairs.bound(), StartsForm::Packed, kept, context.work)?;
+    let mut writer = EdgesWriter::create(nodes.len(), pairs.expected(), StartsForm::Packed, kept, context.work)?;
     let mut listed: Vec<ListedEdge> = Vec::new();
     let mut roots = RootsWriter::create(nodes.len(), context.work)?;
     let mut whole = Some(WholeSums::default());

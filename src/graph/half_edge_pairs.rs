@@ -2,12 +2,12 @@
 //!
 //! If the budget has room for 4 bytes per corner, pairs go to a table indexed by corner. Nearly every corner has one
 //! pair, so the table is already the sorted list. The second pair of a corner (a middle face of an edge of three) goes
-//! to a separate list. Otherwise pairs within a block of faces are matched again when the block is taken, and only
-//! those between blocks are shuffled, 8 bytes each; without blocks all are. Every method delivers a part's pairs in the
+//! to a separate list. Otherwise pairs within a block of faces are matched when the block is taken, and only those
+//! between blocks are shuffled, 8 bytes each; without blocks all are. Every method delivers a part's pairs in the
 //! form of the table.
 
 use super::half_edge_block::BlockMatcher;
-use super::half_edge_sort::Match;
+use super::half_edge_sort::{HalfEdge, Match};
 use super::node_blocks::{self, NodeBlocks};
 use crate::base::Result;
 use crate::base::parallel::lock;
@@ -20,7 +20,7 @@ use bytemuck::allocation::zeroed_vec;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
 /// The bit of [`HalfEdgePair::node`] that marks contradicting winding: both faces traverse the edge in the same
 /// direction. Nodes use the other 31 bits: see [`crate::mesh::geometry::MOST_FACES`].
@@ -96,11 +96,12 @@ enum Kind<'a> {
     Table { across: Vec<AcrossCorner>, more: Mutex<Vec<HalfEdgePair>>, _grant: Grant },
     /// Sorted by node, in buckets.
     Shuffled { sized: BudgetedShuffle<HalfEdgePair>, by_node: RangeBuckets },
-    /// Pairs between blocks, sorted by block; the number of pairs within blocks; the blocks, once
-    /// [`HalfEdgePairs::keep`] was called.
+    /// Pairs between blocks, sorted by block; the corners of the mesh; the edges of three faces or more that were found
+    /// within blocks so far; the blocks, once [`HalfEdgePairs::keep`] was called.
     Within {
         between: Shuffle<HalfEdgePair>,
-        within: AtomicUsize,
+        corners: usize,
+        nonmanifold: AtomicU64,
         blocks: Option<NodeBlocks<'a>>,
         size: usize,
         _grant: Grant,
@@ -113,8 +114,6 @@ pub(super) enum PairSink<'a> {
     Shuffled(Producer<'a, HalfEdgePair>, RangeBuckets),
     /// Pairs between blocks; the number is the nodes per block.
     Between(Producer<'a, HalfEdgePair>, usize),
-    /// Pairs within blocks are only counted and matched again later: the count so far, and the total.
-    Counted(usize, &'a AtomicUsize),
 }
 
 /// Whether a table for `corners` corners is used if `left` bytes of the budget are left. No corner has more than two
@@ -159,14 +158,15 @@ impl<'a> HalfEdgePairs<'a> {
             return Ok(Self { nodes, kind: Kind::Table { across, more: Mutex::default(), _grant: grant } });
         }
         if let Some(blocks) = blocks {
-            let (count, corners) = (blocks.len() as u64, blocks.corners() as u64);
+            let (count, of_block) = (blocks.len() as u64, blocks.corners() as u64);
             let left = context.run.budget.left();
-            let needs = WithinNeeds::new(count, corners, blocks.shared_half_edges(), threads, left);
+            let needs = WithinNeeds::new(count, of_block, blocks.shared_half_edges(), threads, left);
             let grant = context.run.budget.take("matching edges", needs.fixed, needs.granted)?;
             let file = context.work.file("links.tmp");
             let between = Shuffle::new(&file, blocks.len(), needs.block as usize, grant.bytes() - needs.fixed);
             let size = blocks.nodes_of(0).len();
-            let kind = Kind::Within { between, within: AtomicUsize::new(0), blocks: None, size, _grant: grant };
+            let nonmanifold = AtomicU64::new(0);
+            let kind = Kind::Within { between, corners, nonmanifold, blocks: None, size, _grant: grant };
             return Ok(Self { nodes, kind });
         }
         // A bucket also waits in the form of finished rows.
@@ -192,12 +192,14 @@ impl<'a> HalfEdgePairs<'a> {
         }
     }
 
-    /// A handle for a thread to add pairs within blocks.
-    pub(super) fn sink_within(&self) -> PairSink<'_> {
-        match &self.kind {
-            Kind::Within { within, .. } => PairSink::Counted(0, within),
-            _ => self.sink(),
-        }
+    /// Whether pairs within blocks are found when they are taken, instead of being added.
+    pub(super) fn finds_within(&self) -> bool {
+        matches!(self.kind, Kind::Within { .. })
+    }
+
+    /// Edges of three faces or more that were found within blocks, once all pairs were taken.
+    pub(super) fn nonmanifold_within(&self) -> u64 {
+        if let Kind::Within { nonmanifold, .. } = &self.kind { nonmanifold.load(Relaxed) } else { 0 }
     }
 
     /// Keeps the blocks, if they are needed again.
@@ -221,12 +223,12 @@ impl<'a> HalfEdgePairs<'a> {
         lock(more).is_empty().then(all)
     }
 
-    /// Upper bound on the number of pairs.
-    pub(super) fn bound(&self) -> usize {
+    /// Number of pairs to be expected: no fewer than there are, unless edges have more than two faces.
+    pub(super) fn expected(&self) -> usize {
         match &self.kind {
             Kind::Table { across, more, .. } => across.len() + lock(more).len(),
             Kind::Shuffled { sized, .. } => sized.shuffle.len() as usize,
-            Kind::Within { between, within, .. } => within.load(Relaxed) + between.len() as usize,
+            Kind::Within { corners, .. } => *corners,
         }
     }
 
@@ -264,7 +266,7 @@ impl<'a> HalfEdgePairs<'a> {
                 sized.shuffle.take(part)?.into_iter().for_each(|pair| own.push(pair));
                 Ok(own.finish())
             }
-            Kind::Within { between, blocks, .. } => {
+            Kind::Within { between, nonmanifold, blocks, .. } => {
                 let mut own = OwnTable::new(corners);
                 between.take(part)?.into_iter().for_each(|pair| own.push(pair));
                 if let Some(blocks) = blocks {
@@ -272,7 +274,13 @@ impl<'a> HalfEdgePairs<'a> {
                         own.push(HalfEdgePair::of(pair));
                         Ok(())
                     };
-                    BlockMatcher::default().match_block(mesh, blocks, part, join, |_, _| Ok(()))?;
+                    let count = |sides: &[HalfEdge], elsewhere: bool| {
+                        if !elsewhere && sides.len() > 2 {
+                            nonmanifold.fetch_add(1, Relaxed);
+                        }
+                        Ok(())
+                    };
+                    BlockMatcher::default().match_block(mesh, blocks, part, join, count)?;
                 }
                 Ok(own.finish())
             }
@@ -374,10 +382,6 @@ impl PairSink<'_> {
             }
             Self::Shuffled(out, by_node) => out.push(by_node.bucket_of(found.from as u32), pair),
             Self::Between(out, size) => out.push(found.from / *size, pair),
-            Self::Counted(count, _) => {
-                *count += 1;
-                Ok(())
-            }
         }
     }
 
@@ -390,10 +394,6 @@ impl PairSink<'_> {
             Self::Table(..) => Ok(()),
             Self::Shuffled(out, _) => out.finish(),
             Self::Between(out, _) => out.finish(),
-            Self::Counted(count, all) => {
-                all.fetch_add(count, Relaxed);
-                Ok(())
-            }
         }
     }
 }

@@ -232,8 +232,6 @@ struct ByteWriter {
     out: Out,
     /// Bytes so far.
     len: usize,
-    /// Whether the array may not outgrow its first buffer.
-    bounded: bool,
 }
 
 impl ByteWriter {
@@ -245,10 +243,6 @@ impl ByteWriter {
             Out::Memory(buffer, arrays) => (buffer, arrays),
         };
         let (end, there) = (start + bytes.len(), buffer.as_ref().map_or(0, |buffer| buffer.bytes().len()));
-        if end > there && self.bounded {
-            let problem = std::io::Error::other("more items than there is room for");
-            return Err(Error::io(&self.path, "write")(problem));
-        }
         if end > there {
             let mut larger = arrays.take(end.max(2 * there).max(LEAST_BUFFER));
             match (&mut larger, &*buffer) {
@@ -310,18 +304,17 @@ impl<T: Item> ArrayWriter<T> {
     /// [`Error::Io`].
     pub fn create(path: &Path, row: usize) -> Result<Self> {
         let (file, unfinished) = start_file(path)?;
-        Ok(Self::of(path, Out::File(file, unfinished), row, false))
+        Ok(Self::of(path, Out::File(file, unfinished), row))
     }
 
-    /// Starts an array in `buffer`, limited to its size, or without one in memory acquired as needed; it will be
+    /// Starts an array in `buffer`, or, without one or beyond its size, in memory acquired as needed; it will be
     /// registered in `arrays` under the name of `path`.
     pub fn in_memory(path: &Path, row: usize, buffer: Option<AlignedBuffer>, arrays: Arc<InMemoryArrays>) -> Self {
-        let bounded = buffer.is_some();
-        Self::of(path, Out::Memory(buffer, arrays), row, bounded)
+        Self::of(path, Out::Memory(buffer, arrays), row)
     }
 
-    fn of(path: &Path, out: Out, row: usize, bounded: bool) -> Self {
-        let bytes = ByteWriter { path: path.to_path_buf(), out, len: 0, bounded };
+    fn of(path: &Path, out: Out, row: usize) -> Self {
+        let bytes = ByteWriter { path: path.to_path_buf(), out, len: 0 };
         Self { bytes, row: row.max(1), item: std::marker::PhantomData }
     }
 

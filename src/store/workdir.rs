@@ -293,7 +293,7 @@ impl WorkDir {
         (bytes > 0).then(|| arrays.take(bytes)).flatten().map(|buffer| (buffer, arrays.clone()))
     }
 
-    /// Starts an array of at most `items` items, written front to back.
+    /// Starts an array of some `items` items, written front to back. It may become longer.
     ///
     /// # Errors
     /// [`Error::Io`].
