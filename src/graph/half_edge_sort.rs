@@ -70,7 +70,8 @@ impl Sorter {
         if width > 4 * records.len() + 1024 {
             // Vertices far apart: counting all of them would cost more than sorting. Most of a block's are close
             // together.
-            (first, width) = around_the_median(records);
+            let sample = records.iter().step_by(records.len().div_ceil(1024)).map(HalfEdge::low);
+            (first, width) = around_the_median(sample.collect(), 2 * records.len());
             let end = u64::from(first) + width as u64;
             records.retain(|record| {
                 let (is_below, is_above) = (record.low() < first, u64::from(record.low()) >= end);
@@ -121,13 +122,13 @@ impl Sorter {
     }
 }
 
-/// A window of low vertices around their median, twice as wide as the number of `records`.
-fn around_the_median(records: &[HalfEdge]) -> (u32, usize) {
-    let mut sample: Vec<u32> = records.iter().step_by(records.len().div_ceil(1024)).map(HalfEdge::low).collect();
+/// A window of low vertices around the median of a `sample`, which is not empty: the first, and their number, `width`
+/// or less.
+pub(super) fn around_the_median(mut sample: Vec<u32>, width: usize) -> (u32, usize) {
     let middle = sample.len() / 2;
     let median = *sample.select_nth_unstable(middle).1;
-    let first = median.saturating_sub(records.len() as u32);
-    (first, 2 * records.len().min((u32::MAX - first) as usize / 2))
+    let first = median.saturating_sub((width / 2) as u32);
+    (first, width.min((u32::MAX - first) as usize))
 }
 
 /// Calls `visit` with the half-edges of the faces of `nodes`; those from a vertex to itself are skipped.
