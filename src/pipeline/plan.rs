@@ -168,7 +168,9 @@ fn labels_need(extent: &Extent, cluster: Cluster, estimate: &mut BudgetEstimate)
 /// The stages of a run over `extent` and their needs; `decoded` as in [`MeshSize`].
 fn stages_of(extent: &Extent, cluster: Cluster, decoded: u64, budget: u64) -> Vec<StagePlan> {
     let mut estimate = BudgetEstimate::new(budget, !extent.lasting);
-    let mut stages = vec![("read", Needs { keeps: decoded, ..Needs::default() })];
+    // Indices are checked in one pass.
+    let read = Needs { keeps: decoded, ..Needs::default() }.moving(4 * extent.corners + extent.faces, decoded);
+    let mut stages = vec![("read", read)];
     if extent.reordered {
         stages.push(("order", OrderStage::needs(extent, &mut estimate)));
     }
