@@ -236,6 +236,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(tasks::measure_parts, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::measure_mesh, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::edits_box, module)?)?;
+    module.add_function(wrap_pyfunction!(tasks::edits_on, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::transfer_labels, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::sequence, module)?)?;

@@ -217,6 +217,15 @@ pub fn edits_box(py: Python<'_>, mesh: &PyMesh) -> PyResult<Option<[[f64; 3]; 2]
     Ok(bounds.iter().flatten().all(|x| x.is_finite()).then_some(bounds))
 }
 
+/// `text`, a file of edits, with places in units of the mesh, and its box if there was one.
+#[pyfunction]
+pub fn edits_on(py: Python<'_>, mesh: &PyMesh, text: &str) -> PyResult<String> {
+    let edits = Edits::of_text(text.as_bytes(), "edits".as_ref()).map_err(raised)?;
+    let mesh = mesh.current()?;
+    let found = run(py, |run| edits.in_units_of(mesh, run))?;
+    self::text(&found)
+}
+
 /// Scores of labels against truths, as JSON.
 #[pyfunction]
 pub fn evaluate(

@@ -118,6 +118,21 @@ def test_saved_edits_fit_a_mesh_with_vertices_far_away(tmp_path):
     assert (cut.edit(tmp_path / "edits.json").labels == edited.labels).all()
 
 
+def test_edits_add_to_those_of_a_file_in_other_units(tmp_path):
+    # Regression: the box of the file scaled the new places too, which then were off the mesh or on another part.
+    vertices, faces = dumbbell(12)
+    cut = nystrom_stream.segment(vertices, faces, 4)
+    cut.edit([{"edit": "merge", "at": [cut.place(0), cut.place(1)]}]).save_edits(tmp_path / "metres.json")
+    large = nystrom_stream.segment(1000 * vertices, faces, edits=tmp_path / "metres.json")
+    split = large.edit([{"edit": "split", "at": large.place(0)}])
+    assert (large.n_parts, split.n_parts) == (3, 4)
+    assert np.allclose(split.edits[0]["at"], 1000 * np.array([cut.place(0), cut.place(1)]))
+    split.save_edits(tmp_path / "millimetres.json")
+    for scale in (1, 1000):
+        again = nystrom_stream.segment(scale * vertices, faces, edits=tmp_path / "millimetres.json")
+        assert agree(again.labels, split.labels)
+
+
 def test_what_is_asked_for_goes_before_the_file_of_edits(tmp_path):
     # Regression: the next edit, and the file that was saved, went back to the number that the file says.
     mesh = dumbbell(12)

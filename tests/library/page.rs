@@ -2,6 +2,7 @@
 
 use crate::common;
 use base64::Engine;
+use nystrom_stream::apps::edits::{Edit, Edits, Place};
 use nystrom_stream::apps::page::decimate::Decimated;
 use nystrom_stream::apps::page::{Cuts, Page, TRIANGLES};
 use nystrom_stream::mesh::{self, Mesh};
@@ -117,4 +118,31 @@ fn the_box_of_a_page_is_that_of_the_faces_without_strays() {
     let told = Page { labels: &labels, ..page }.html(&run()).unwrap_err().to_string();
     assert!(told.contains("65536 is too large for a page"), "{told}");
     assert!(Page { labels: &[65_535; 722], ..page }.html(&run()).is_ok());
+}
+
+#[test]
+fn edits_of_a_page_are_in_units_of_its_mesh() {
+    // Regression: those from a file in metres stayed so beside new ones in millimetres, and were saved with the box of
+    // the latter.
+    let corners = [[0., 0., 0.], [2000., 0., 0.], [2000., 1000., 0.], [0., 1000., 0.]];
+    let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]]).unwrap();
+    let at = vec![Place::Point([1.9, 0.1, 0.]), Place::Face(1)];
+    let edits = Edits { bounds: Some([[0.; 3], [2., 1., 0.]]), edits: vec![Edit::Merge { at }], ..Edits::default() };
+    let page = Page {
+        title: "sheet",
+        mesh: &mesh,
+        labels: &[0, 0],
+        colours: &[[255, 0, 0]],
+        names: &[],
+        cuts: None,
+        edits: Some(&edits),
+        report: &json!({}),
+    };
+    let shown = &data(&page.html(&run()).unwrap())["edits"];
+    assert_eq!(shown["box"], json!([[0., 0., 0.], [2000., 1000., 0.]]));
+    assert_eq!(shown["edits"][0]["at"], json!([[1900., 100., 0.], 1]));
+    // Without a box they are in units of the mesh.
+    let plain = Edits { bounds: None, ..edits.clone() };
+    let shown = &data(&Page { edits: Some(&plain), ..page }.html(&run()).unwrap())["edits"];
+    assert_eq!((&shown["box"], &shown["edits"][0]["at"][0]), (&Value::Null, &json!([1.9, 0.1, 0.])));
 }

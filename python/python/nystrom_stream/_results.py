@@ -300,7 +300,11 @@ def cut_mesh(mesh: _native.Mesh, options: dict[str, Any], edits: Optional[dict[s
         options["max_memory"], options["tmp"], progress)
     # A work directory that was emptied for this mesh belongs to it from now on.
     options = {**options, "force": False}
-    return Segmentation(mesh, arrays, json.loads(report), options, json.loads(text) if text else None)
+    told: dict[str, Any] = {} if text is None else json.loads(text)
+    if text is not None and told.get("box") is not None:
+        # Of a mesh in other units, perhaps; places of further edits will be in those of this one.
+        told.update(json.loads(_native.edits_on(mesh, text)))
+    return Segmentation(mesh, arrays, json.loads(report), options, told or None)
 
 
 def farthest(triangles: NDArray[np.uint32], reached: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -128,6 +128,16 @@ impl Edit {
         }
     }
 
+    /// The same, to change them.
+    pub(super) fn places_mut(&mut self) -> &mut [Place] {
+        match self {
+            Self::Merge { at } | Self::Together { at } | Self::Apart { at } => at,
+            Self::Cut { between } => between,
+            Self::Split { at, .. } | Self::Name { at, .. } | Self::Colour { at, .. } => std::slice::from_mut(at),
+            Self::Drop { at } | Self::Protect { at } => std::slice::from_mut(at),
+        }
+    }
+
     /// Whether it changes no part, only a name, a colour or protection.
     pub fn is_mark(&self) -> bool {
         matches!(self, Self::Name { .. } | Self::Colour { .. } | Self::Drop { .. } | Self::Protect { .. })

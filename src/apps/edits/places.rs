@@ -56,7 +56,7 @@ impl Edits {
         let mut found = Vec::new().into_iter();
         if !points.is_empty() {
             let mesh = &mesh.without_strays(run)?;
-            let extent = Extent::of(mesh, run)?;
+            let extent = Extent::around(bounds(mesh, run)?);
             let points: Vec<[f64; 3]> =
                 points.into_iter().map(|p| extent.place(scaled(self.bounds, &extent, p))).collect();
             unit = extent.diagonal;
@@ -82,6 +82,27 @@ impl Edits {
             faces.push(edit.places().iter().map(|place| face(number, place)).collect::<Result<Vec<u32>>>()?);
         }
         Ok(PlacedEdits { edits: self, faces })
+    }
+
+    /// The same edits with their places in units of `mesh`, and its box: more edits can be added to them. Without a
+    /// box, places are in these units already.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub fn in_units_of(&self, mesh: &Mesh, run: &Run) -> Result<Self> {
+        let mut edits = self.clone();
+        if self.bounds.is_some() {
+            let mesh = &mesh.without_strays(run)?;
+            let own = bounds(mesh, run)?;
+            let extent = Extent::around(own);
+            for place in edits.edits.iter_mut().flat_map(Edit::places_mut) {
+                if let Place::Point(p) = place {
+                    *p = scaled(self.bounds, &extent, *p);
+                }
+            }
+            edits.bounds = Some(own).filter(|[low, high]| low[0] <= high[0]);
+        }
+        Ok(edits)
     }
 }
 
@@ -117,14 +138,14 @@ struct Extent {
 }
 
 impl Extent {
-    fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
-        let [low, high] = bounds(mesh, run)?;
+    /// Of the mesh in the box `[low, high]`, which [`bounds`] gave.
+    fn around([low, high]: [[f64; 3]; 2]) -> Self {
         if low[0] > high[0] {
-            return Ok(Self { middle: [0.; 3], diagonal: 1. });
+            return Self { middle: [0.; 3], diagonal: 1. };
         }
         let diagonal = diagonal([low, high]).min(f64::MAX);
         let middle = [0, 1, 2].map(|k| low[k] / 2. + high[k] / 2.);
-        Ok(Self { middle, diagonal: if diagonal > 0. { diagonal } else { 1. } })
+        Self { middle, diagonal: if diagonal > 0. { diagonal } else { 1. } }
     }
 
     fn place(&self, p: [f64; 3]) -> [f64; 3] {

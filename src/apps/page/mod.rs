@@ -157,7 +157,11 @@ impl Page<'_> {
             return Err(Error::parameter("labels", problem, "number the parts from 0"));
         }
         // The mesh as used by the program, so that places and box mean the same on the page.
-        let shown = &Page { mesh: &self.mesh.without_strays(run)?, ..*self };
+        let mesh = &self.mesh.without_strays(run)?;
+        // Edits from a file may be in other units. Those made on the page are saved after them, with the box of this
+        // mesh.
+        let edits = self.edits.map(|edits| edits.in_units_of(mesh, run)).transpose()?;
+        let shown = &Page { mesh, edits: edits.as_ref(), ..*self };
         let axes = picture::best_view(shown.mesh, Some(self.labels), self.colours.len(), run)?;
         let bytes = decimate::BYTES * shown.mesh.faces.triangle_count().min(TRIANGLES as u64);
         let _grant = run.budget.take("the page's mesh", bytes / 4, bytes)?;
