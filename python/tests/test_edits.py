@@ -133,6 +133,19 @@ def test_edits_add_to_those_of_a_file_in_other_units(tmp_path):
         assert agree(again.labels, split.labels)
 
 
+def test_what_a_cut_keeps_is_its_own(cut):
+    # Regression: edits took painted hints from the caller's array, and edits that a cut had listed were its own dicts.
+    faces = [int(cut[part][len(cut[part]) // 2]) for part in (0, 1)]
+    painted = np.zeros(len(cut.labels), np.uint32)
+    painted[faces] = 7
+    hinted = nystrom_stream.segment(*dumbbell(), 4, hints=painted)
+    painted[:] = 0
+    assert (hinted.edit([]).labels == hinted.labels).all()
+    merged = cut.edit([{"edit": "merge", "at": faces}])
+    merged.edits[0]["at"].append(5)
+    assert merged.edits[0]["at"] == faces
+
+
 def test_what_is_asked_for_goes_before_the_file_of_edits(tmp_path):
     # Regression: the next edit, and the file that was saved, went back to the number that the file says.
     mesh = dumbbell(12)

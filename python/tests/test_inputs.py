@@ -1,5 +1,6 @@
 """What is taken for arrays, labels, colours, names and options, and how the rest is refused."""
 
+import copy
 import os
 import typing
 from pathlib import Path
@@ -70,6 +71,22 @@ def test_colours_are_whole_or_real(cut):
         cut.picture(colours=colours[:2])
     with pytest.raises((TypeError, ValueError), match="colours: "):
         cut.picture(colours=["#ff0000"] * 3)
+
+
+def test_a_palette_changes_no_number_of_parts(mesh, cut):
+    # Regression: a cut had as many parts as it was given colours, lists were no colours of a trimesh, and a transfer shared its own.
+    carried = nystrom_stream.transfer_labels(cut, mesh)
+    before = cut.colours.copy()
+    carried.colours[:] = 0
+    assert (cut.colours == before).all()
+    carried.colours = [[1.0, 0.5, 0.0]] * 20
+    assert carried.colours.tolist() == [[255, 128, 0]] * 3
+    coloured = copy.copy(cut)
+    coloured.colours = np.arange(60).reshape(20, 3)
+    assert coloured.n_parts == 3 and (coloured.colours == np.arange(9).reshape(3, 3)).all()
+    assert repr(coloured) == repr(cut) and len(coloured.measure()) == 3
+    with pytest.raises(ValueError, match="colours: 2 for 3 parts; give one per part"):
+        coloured.colours = before[:2]
 
 
 def test_whole_numbers_of_parts_of_any_type(mesh):
@@ -217,6 +234,10 @@ def test_masks_are_heeded(mesh, cut):
     assert (carried.labels[cut.labels != 0] == cut.labels[cut.labels != 0]).all()
     with pytest.raises(ValueError, match="labels: some values are masked"):
         nystrom_stream.evaluate(labels, cut.labels, mesh)
+    # Regression: truths lost their mask, and what was under it counted.
+    for truths in (labels, [labels], np.ma.stack([labels, labels])):
+        with pytest.raises(ValueError, match="truths: some values are masked"):
+            nystrom_stream.evaluate(cut, truths)
 
 
 def test_integers_of_several_types_are_faces(mesh):

@@ -62,7 +62,8 @@ def as_hints(hints: Union[ArrayLike, str, None], mesh: _native.Mesh) -> Optional
         raise ValueError(f"hints: give one integer per face, 0 or more; there are {mesh.faces} faces")
     if (hints > MOST).any():
         raise ValueError(f"hints: {hints.max()} exceeds 32 bits")
-    return packed(hints, np.uint32)
+    # A copy: edits of the cut take them again, whatever becomes of the array.
+    return packed(hints, np.uint32).copy()
 
 
 def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str], list[str]]:

@@ -325,7 +325,8 @@ def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:
     if not is_whole(truths) and not any(hasattr(truths, name) for name in ("__array__", "__iter__")):
         raise TypeError(f"truths: {truths!r}; give labels, a Segmentation, a file of labels, or several")
     if not is_whole(truths):
-        truths = np.asarray(truths) if hasattr(truths, "__array__") else list(truths)
+        truths = list(truths) if not hasattr(truths, "__array__") else \
+            truths if isinstance(truths, np.ma.MaskedArray) else np.asarray(truths)
     if is_whole(truths) or len(truths) and not is_whole(truths[0]) and np.ndim(truths[0]) == 0:
         truths = [truths]
     truths = [as_labels(truth, mesh.faces, "truths") for truth in truths]

@@ -3,6 +3,7 @@ arrays."""
 
 from __future__ import annotations
 
+import copy
 import html
 import json
 import os
@@ -11,7 +12,7 @@ from collections.abc import Mapping, Sequence as Several
 from typing import TYPE_CHECKING, Any, Optional
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._edits import Edits, Names, as_edits, as_names, started, started_from, text_of
@@ -65,8 +66,10 @@ class _Labelled(_OfMesh):
         return self._colours
 
     @colours.setter
-    def colours(self, colours: NDArray[np.uint8]) -> None:
-        self._colours = colours
+    def colours(self, colours: ArrayLike) -> None:
+        # There are as many parts as before, however many colours a palette has.
+        parts = None if self._colours is None else len(self._colours)
+        self._colours = as_colours(colours, parts or 0)[:parts]
 
     def save(self, path: Path, *, vertex_labels: bool = False, split_vertices: bool = False, split_faces: bool = False, cap: bool = False,
              part_form: str = "ply") -> None:
@@ -167,7 +170,7 @@ class Segmentation(_Labelled):
     @property
     def edits(self) -> list[dict[str, Any]]:
         """The edits that were applied: a list of dicts."""
-        return list(self._edits["edits"]) if self._edits else []
+        return copy.deepcopy(self._edits["edits"]) if self._edits else []
 
     def edit(self, edits: Edits, progress: Progress = None) -> Segmentation:
         """Returns another Segmentation with corrected parts; this one is unchanged.
@@ -362,7 +365,7 @@ class Transfer(_Labelled):
                  source: Optional[_Labelled]) -> None:
         self._mesh, self.labels, self.quality, self.report = mesh, labels, quality, report
         self._names = [] if source is None else list(source._names)
-        self._colours = None if source is None else source.colours
+        self._colours = None if source is None else source.colours.copy()
 
     @property
     def names(self) -> list[str]:
