@@ -260,6 +260,8 @@ impl Segmenter {
             params.parts.detail = edits.detail.unwrap_or_default();
         }
         params.check()?;
+        // Reports and work directories state what was done, so that later runs in them continue it.
+        params.exact = params.exact_rows();
         self.edits.as_ref().map_or(Ok(()), Edits::check)?;
         let params = &params;
         self.options.with(|context, log| {

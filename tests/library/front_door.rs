@@ -456,3 +456,14 @@ fn errors_name_what_was_given_and_a_remedy_that_helps() {
         assert_eq!(remedy, "request at most 1417339143");
     }
 }
+
+#[test]
+fn a_report_says_that_rows_are_over_all_faces() {
+    // Regression: boundaries by the embedding need such rows, but only the program said so in its reports and work
+    // directories.
+    let mesh = Mesh::creature(4_000).unwrap();
+    for (boundaries, exact) in [(Boundaries::Embedding, true), (Boundaries::Front, false)] {
+        let cut = Segmenter::new().parts(4).boundaries(boundaries).run(&mesh).unwrap();
+        assert_eq!(cut.report().options["exact"], exact);
+    }
+}
