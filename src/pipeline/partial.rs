@@ -291,13 +291,12 @@ fn first_maps(
         let chosen = vertex_rows::landmarks(surface, row_params, context)?;
         vertex_rows::rows(surface, chosen, params.distance, "anchors.npy", context)
     };
-    let ((rows, starts), _) = context.run.stage("refinement", "starts", 0, || {
-        let rows = [anchored(part, ANCHORS)?, anchored(whole, CANDIDATES)?];
-        let seen =
-            [0, 1].map(|s| PartialSide { graph: &sides[s].graph, basis: &bases[s], rows: &rows[s], unit: units[s] });
-        let starts = match_part(seen[0], seen[1], context.run)?;
-        Ok((rows, starts))
-    })?;
+    let anchors = ANCHORS.min(part.graph.len()) + CANDIDATES.min(whole.graph.len());
+    let rows = || Ok([anchored(part, ANCHORS)?, anchored(whole, CANDIDATES)?]);
+    let (rows, _) = context.run.stage("rows", "rows", anchors as u64, rows)?;
+    let seen = [0, 1].map(|s| PartialSide { graph: &sides[s].graph, basis: &bases[s], rows: &rows[s], unit: units[s] });
+    let starts = || match_part(seen[0], seen[1], context.run);
+    let (starts, _) = context.run.stage("refinement", "starts", 0, starts)?;
     let dense = |start: &PartialOutcome| -> Result<Images> {
         let kept = || start.images.iter().enumerate().filter_map(|(i, image)| Some((i, (*image)?)));
         let k = kept().count();
@@ -319,7 +318,10 @@ fn first_maps(
         let found = matches(&pair, Matching::All, "first_matches.npy", context)?;
         Ok(found.iter().map(Match::vertex).collect())
     };
-    let images = starts.iter().take(FINALISTS).map(dense).collect::<Result<Vec<_>>>()?;
+    let finalists = || starts.iter().take(FINALISTS);
+    let matched = finalists().filter(|start| start.images.iter().any(Option::is_some)).count() * part.graph.len();
+    let images = || finalists().map(dense).collect::<Result<Vec<_>>>();
+    let (images, _) = context.run.stage("match", "vertices", matched as u64, images)?;
     let [_, of_whole] = bases;
     Ok((starts, images, of_whole))
 }

@@ -26,6 +26,7 @@ mod picture_small;
 mod ply_flavours;
 mod ply_labelled;
 mod ply_mutations;
+mod progress;
 mod roughness;
 mod scale_order;
 mod strays;
