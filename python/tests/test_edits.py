@@ -133,6 +133,25 @@ def test_edits_add_to_those_of_a_file_in_other_units(tmp_path):
         assert agree(again.labels, split.labels)
 
 
+def test_a_protected_part_is_one_of_the_cut_that_is_edited(tmp_path):
+    # Regression: it was that of the default cut, here all of the mesh, so that one part of four was left; and parts=6 beside a file
+    # of edits made it forget the number that the file says, as the program does not.
+    mesh = dumbbell(16)
+    assert nystrom_stream.segment(*mesh).n_parts == 1
+    for options in ({"parts": 4}, {"parts_range": (4, 5)}):
+        cut = nystrom_stream.segment(*mesh, **options)
+        kept = cut.edit([{"edit": "protect", "at": cut.place(1)}])
+        assert kept.n_parts == cut.n_parts
+        assert kept.edit([{"edit": "name", "at": cut.place(1), "name": "x"}]).n_parts == cut.n_parts
+        kept.save_edits(tmp_path / "edits.json")
+        assert json.loads((tmp_path / "edits.json").read_text())["parts"] == cut.n_parts
+        more = nystrom_stream.segment(*mesh, parts=6, edits=tmp_path / "edits.json")
+        own = more.labels[cut[1]]
+        same = (own == np.bincount(own).argmax()).mean()
+        assert more.n_parts == 6 and same > 0.9, same
+        assert more.edit([{"edit": "name", "at": cut.place(1), "name": "x"}]).n_parts == 6
+
+
 def test_what_a_cut_keeps_is_its_own(cut):
     # Regression: edits took painted hints from the caller's array, and edits that a cut had listed were its own dicts.
     faces = [int(cut[part][len(cut[part]) // 2]) for part in (0, 1)]

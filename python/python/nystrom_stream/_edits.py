@@ -103,6 +103,11 @@ def started(options: Mapping[str, Any]) -> dict[str, Any]:
     return {"detail": parts["detail"]} if parts["detail"] else {}
 
 
+def protects(edits: Mapping[str, Any]) -> bool:
+    """Whether some of the edits protect parts: those of the cut that the edits are made on."""
+    return any(edit.get("edit") == "protect" for edit in edits["edits"])
+
+
 def started_from(options: Mapping[str, Any], edits: Mapping[str, Any]) -> dict[str, Any]:
     """`options` of a cut, with the number of parts that `edits` start from, if given there."""
     params = json.loads(options["params"])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._edits import Edits, Names, as_edits, as_hints, as_names, read_names, started_from
+from ._edits import Edits, Names, as_edits, as_hints, as_names, protects, read_names, started_from
 from ._meshes import (DEFAULT, MOST, Labels, MeshLike, Path, Progress, as_colours, as_labels, as_mesh, as_path, flag, number_parts, pair,
                       real, run_options, whole)
 from ._results import Correspondence, Segmentation, Sequence, Transfer, cut_mesh
@@ -191,8 +191,8 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
                                "threads": run[0], "max_memory": run[1], "tmp": run[2]}
     if told and parts is None and parts_range is None and not detail:
         options = started_from(options, told)
-    elif told:
-        # Options given here take precedence over those of the file, in later edits too.
+    elif told and not protects(told):
+        # Options given here take precedence over those of the file, in later edits too. Parts stay protected as the file's cut has them.
         told = {key: value for key, value in told.items() if key not in ("parts", "detail")}
     mesh = as_mesh(mesh, faces, run)
     options["hints"] = as_hints(hints, mesh)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._edits import Edits, Names, as_edits, as_names, started, started_from, text_of
+from ._edits import Edits, Names, as_edits, as_names, protects, started, started_from, text_of
 from ._meshes import Path, Progress, as_colours, as_labels, as_path, flag, number_parts, packed, part_number, whole
 
 if TYPE_CHECKING:
@@ -188,9 +188,18 @@ class Segmentation(_Labelled):
         """
         whole = isinstance(edits, (str, os.PathLike)) or isinstance(edits, Mapping) and "edits" in edits
         told = as_edits(edits)
-        if not whole:
-            told = {**(self._edits or {}), **told, "edits": self.edits + told["edits"]}
-        return cut_mesh(self._mesh, started_from(self._options, told), told, progress)
+        if whole:
+            return cut_mesh(self._mesh, started_from(self._options, told), told, progress)
+        told = {**(self._edits or {}), **told, "edits": self.edits + told["edits"]}
+        if protects(told) and told.get("parts") is None and told.get("detail") is None:
+            told.update(self._start())
+        return cut_mesh(self._mesh, self._options, told, progress)
+
+    def _start(self) -> dict[str, Any]:
+        """The cut that places are on, as in a file of edits: parts found within a range are as many as there are."""
+        count = json.loads(self._options["params"])["parts"]["count"]
+        is_ranged = isinstance(count, dict) and "between" in count
+        return {"parts": self.n_parts} if is_ranged and not self._edits else started(self._options)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "file": self._mesh.file}
