@@ -261,6 +261,8 @@ def test_what_makes_no_sense_names_its_option(mesh, cut, tmp_path):
         "truths": lambda: nystrom_stream.evaluate(cut, None),
         r"truths: float64 is not an integer type; give truths.astype\(int\)": lambda: nystrom_stream.evaluate(cut, cut.labels.astype(float)),
         "truths: 5": lambda: nystrom_stream.evaluate(cut, 5),
+        "truths: np.int64|truths: 6": lambda: nystrom_stream.evaluate(cut, np.int64(6)),
+        r"truths: array\(7\)": lambda: nystrom_stream.evaluate(cut, np.array(7)),
         "faces: missing": lambda: nystrom_stream.segment(vertices),
         "samplings": lambda: nystrom_stream.quality(vertices, faces, samplings=None),
         "force": lambda: nystrom_stream.segment(vertices, faces, force="no"),
@@ -274,6 +276,8 @@ def test_what_makes_no_sense_names_its_option(mesh, cut, tmp_path):
     }.items():
         with pytest.raises(TypeError, match=option):
             call()
+    with pytest.raises(ValueError, match="truths: none is given"):
+        nystrom_stream.evaluate(cut, [])
     with pytest.raises(ValueError, match="seeds"):
         nystrom_stream.quality(vertices, faces, seeds=2**62)
     with pytest.raises(TypeError):

@@ -322,12 +322,14 @@ def evaluate(labels: Any, truths: Any, mesh: MeshLike = None) -> dict[str, Any]:
         return hasattr(truth, "labels") or isinstance(truth, (str, bytes, os.PathLike))
 
     # A column of a table is indexed by whatever names its rows.
-    if not is_whole(truths) and not any(hasattr(truths, name) for name in ("__array__", "__iter__")):
+    if not is_whole(truths) and (np.ndim(truths) == 0 if hasattr(truths, "__array__") else not hasattr(truths, "__iter__")):
         raise TypeError(f"truths: {truths!r}; give labels, a Segmentation, a file of labels, or several")
     if not is_whole(truths):
         truths = list(truths) if not hasattr(truths, "__array__") else \
             truths if isinstance(truths, np.ma.MaskedArray) else np.asarray(truths)
-    if is_whole(truths) or len(truths) and not is_whole(truths[0]) and np.ndim(truths[0]) == 0:
+    if not is_whole(truths) and not len(truths):
+        raise ValueError("truths: none is given; give at least one labelling")
+    if is_whole(truths) or not is_whole(truths[0]) and np.ndim(truths[0]) == 0:
         truths = [truths]
     truths = [as_labels(truth, mesh.faces, "truths") for truth in truths]
     scores: dict[str, Any] = json.loads(_native.evaluate(mesh, as_labels(labels, mesh.faces), truths))
