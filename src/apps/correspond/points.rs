@@ -76,6 +76,12 @@ pub fn nearest_in_triangle(x: &[f32], a: &[f32], b: &[f32], c: &[f32]) -> ([f64;
     best
 }
 
+/// The weights of the three corners, from those of the second and the third.
+fn weights([u, w]: [f64; 2]) -> [f32; 3] {
+    // On the edge between these two the remainder is 0 but for rounding, which may leave less.
+    [(1. - u - w).max(0.), u, w].map(|share| share as f32)
+}
+
 /// For each of `matches` the nearest point in the triangles around it on `graph`, into the file `name`; `from` are the
 /// vertices of A and `to` those of B, in the same coordinates.
 ///
@@ -99,11 +105,28 @@ pub fn points<'a>(
             let ([u, w], square) = nearest_in_triangle(from(v as u32), to(target), to(pair[0]), to(pair[1]));
             if square < best.1 {
                 let corners = [target, pair[0], pair[1]].map(|corner| corner as i32);
-                best = (SurfacePoint { corners, weights: [1. - u - w, u, w].map(|share| share as f32) }, square);
+                best = (SurfacePoint { corners, weights: weights([u, w]) }, square);
             }
         }
         best.0
     };
     context.run.fill_each(array.data(), CHUNK, point)?;
     array.finish(false)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{nearest_in_triangle, weights};
+
+    /// Regression: on the edge opposite the matched vertex its weight was −5.6e−17 at 20 of 6,890 points of a man.
+    #[test]
+    fn no_weight_is_negative() {
+        for k in 0..=1000 {
+            let x = [3. - 3. * (k as f32 / 1000.), k as f32 / 1000.];
+            let (at, _) = nearest_in_triangle(&x, &[0., 0.], &[3., 0.], &[0., 1.]);
+            let shares = weights(at);
+            assert!(shares.iter().all(|&share| share >= 0.), "{shares:?}");
+            assert!((shares.iter().sum::<f32>() - 1.).abs() < 1e-6, "{shares:?}");
+        }
+    }
 }
