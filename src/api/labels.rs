@@ -73,7 +73,13 @@ impl LabelTransfer {
     /// [`crate::Error::Cancelled`].
     pub fn run(&self, from: &Mesh, labels: &[u32], to: &Mesh) -> Result<Transferred> {
         [from, to].into_iter().try_for_each(checked)?;
-        self.options.with(|context, _| transfer(from, labels, to, context))
+        self.options.with(|context, _| {
+            let found = transfer(from, labels, to, context)?;
+            if let Some(note) = found.facts.note(to.path()) {
+                context.run.progress.note(&note);
+            }
+            Ok(found)
+        })
     }
 }
 

@@ -70,6 +70,9 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         facts.filled,
         facts.islands
     ));
+    if let Some(note) = facts.note(&args.to) {
+        run.progress.note(&note);
+    }
     let coloured = outputs.iter().any(Output::needs_mesh);
     let colours = if coloured { found.colours(&to, &result.labels, &run)? } else { Vec::new() };
     let report = json!({

@@ -209,6 +209,25 @@ fn unlabelled_faces_are_filled_in_and_strangers_refused() {
 }
 
 #[test]
+fn doubtful_transfers_are_noted() {
+    // Regression: onto a mesh in other units labels were carried without a word, if it was near enough.
+    let sheet = |z: f32| {
+        let points: Vec<[f32; 3]> = (0..100).map(|v| [(v % 10) as f32, (v / 10) as f32, z]).collect();
+        let corner = (0..90).filter(|v| v % 10 < 9);
+        let faces: Vec<[u32; 3]> = corner.flat_map(|v| [[v, v + 1, v + 10], [v + 1, v + 11, v + 10]]).collect();
+        Mesh::from_slices(&points, &faces).unwrap()
+    };
+    let dir = tempfile::tempdir().unwrap();
+    for (z, noted) in [(0.1, false), (4., true)] {
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        let found = transfer(&sheet(0.), &[3; 162], &sheet(z), Context::new(&work, &run())).unwrap();
+        let note = found.facts.note("scan.ply".as_ref());
+        let is_told = |note: &str| note.starts_with("scan.ply: the labels of 100 % of the faces are uncertain");
+        assert_eq!(note.as_deref().map(is_told), noted.then_some(true), "{note:?}");
+    }
+}
+
+#[test]
 fn the_command_carries_labels_from_file_to_file() {
     let dir = tempfile::tempdir().unwrap();
     let (fine, coarse) = (common::creature(dir.path(), 24_000, false), common::creature(dir.path(), 1_000, false));

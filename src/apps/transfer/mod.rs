@@ -18,6 +18,7 @@ use closest_faces::{Agreement, BYTES, Closest, Probe, TriangleTree, UnitFrame, n
 use serde::Serialize;
 use serde_json::json;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Faces that a thread processes at a time.
 const CHUNK: usize = 1 << 12;
@@ -55,6 +56,16 @@ pub struct TransferCounts {
     pub points: usize,
     /// Whether normals point in the opposite direction.
     pub opposite_normals: bool,
+}
+
+impl TransferCounts {
+    /// The note about a transfer to the mesh in the file `path` whose labels are mostly uncertain.
+    pub fn note(&self, path: &Path) -> Option<String> {
+        let share = 100. * self.uncertain as f64 / self.faces.max(1) as f64;
+        let doubt = "are both meshes in the same position and units?";
+        let text = || format!("{}: the labels of {share:.0} % of the faces are uncertain; {doubt}", path.display());
+        (share > 50.).then(text)
+    }
 }
 
 /// The mean edge of `opened`'s triangles in `frame`, as if they were equilateral.
