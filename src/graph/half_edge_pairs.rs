@@ -275,8 +275,8 @@ impl<'a> HalfEdgePairs<'a> {
                         Ok(())
                     };
                     let count = |sides: &[HalfEdge], elsewhere: bool| {
-                        if !elsewhere && sides.len() > 2 {
-                            nonmanifold.fetch_add(1, Relaxed);
+                        if !elsewhere {
+                            count_nonmanifold(nonmanifold, sides.len());
                         }
                         Ok(())
                     };
@@ -285,6 +285,14 @@ impl<'a> HalfEdgePairs<'a> {
                 Ok(own.finish())
             }
         }
+    }
+}
+
+/// Counts an edge shared by `sides` half-edges if it is non-manifold: three faces or more.
+#[inline]
+pub(super) fn count_nonmanifold(nonmanifold: &AtomicU64, sides: usize) {
+    if sides > 2 {
+        nonmanifold.fetch_add(1, Relaxed);
     }
 }
 

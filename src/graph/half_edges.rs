@@ -19,7 +19,7 @@
 //! much, none for those within blocks, which are matched when they are needed.
 
 use super::half_edge_block::{BlockMatcher, comes_in_pairs};
-use super::half_edge_pairs::{HalfEdgePairs, PairSink};
+use super::half_edge_pairs::{HalfEdgePairs, PairSink, count_nonmanifold};
 use super::half_edge_sort::{self, FaceSide, HalfEdge, Sorter, chain};
 use super::node_blocks::NodeBlocks;
 use crate::base::Result;
@@ -58,14 +58,6 @@ struct Matching<'a> {
     /// Edges with three faces or more.
     nonmanifold: AtomicU64,
     run: &'a Run<'a>,
-}
-
-/// Counts an edge shared by `sides` half-edges if it is non-manifold: three faces or more.
-#[inline]
-fn count_nonmanifold(nonmanifold: &AtomicU64, sides: usize) {
-    if sides > 2 {
-        nonmanifold.fetch_add(1, Relaxed);
-    }
 }
 
 /// Matches all half-edges of `mesh` (from the file `path`, for errors), in its `blocks` if there are any; welds the
