@@ -140,9 +140,21 @@ fn an_array_that_does_not_fit_becomes_a_file_and_is_given_up_alike() {
     work.remove("small.npy");
     assert_eq!(budget.left(), left + 4000, "the budget has its bytes back");
     assert!(work.open_array::<u32>("small.npy").is_err());
-    let mut writer = work.writer_of::<f32>("rows.npy", 1, 4).unwrap();
-    writer.push(&[1., 2., 3.]).unwrap();
-    assert!(writer.push(&[4., 5.]).is_err(), "no more than was announced");
+}
+
+/// An array may become longer than was announced: in memory while there is room, then in a file.
+#[test]
+fn arrays_may_outgrow_what_was_announced() {
+    let dir = tempfile::tempdir().unwrap();
+    let work = WorkDir::temporary(dir.path()).unwrap().holding(&Budget::new(8 << 20));
+    for (name, more, held) in [("longer.npy", 2, true), ("longest.npy", 3 << 20, false)] {
+        let mut writer = work.writer_of::<f32>(name, 1, 4).unwrap();
+        writer.push(&[1., 2., 3.]).unwrap();
+        let rest: Vec<f32> = (0..more).map(|k| 4. + k as f32).collect();
+        writer.push(&rest).unwrap();
+        let finished = writer.finish(false).unwrap();
+        assert_eq!((&finished[..3], &finished[3..], work.file(name).exists()), (&[1., 2., 3.][..], &rest[..], !held));
+    }
 }
 
 #[test]
