@@ -78,7 +78,7 @@ fn header(path: &Path) -> Result<(String, Value)> {
     let (length, per_face) = (human(bytes.len() as f64), bytes.len() as f64 / size.faces as f64);
     let mut text = format!("{}, {length}B, {per_face:.1} B/face\n", line(&path.to_string_lossy()));
     let most = if size.strips { "at most " } else { "" };
-    let _ = writeln!(text, "{most}{} faces, {} vertices", size.faces, size.vertices);
+    let _ = writeln!(text, "{most}{}", faces_and_vertices(size.faces as usize, size.vertices as usize));
     let _ = writeln!(text, "{format}");
     for element in &elements {
         let _ = writeln!(text, "{}  {}", line(&element.name), element.count);
@@ -107,7 +107,7 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
     let (opened, _) = read(path, ForceArgs { force: false }, context)?;
     let measures = measure::mesh(&opened, context)?;
     if counted_later {
-        let _ = writeln!(text, "{} faces, {} vertices", opened.faces.len(), opened.positions.len());
+        let _ = writeln!(text, "{}", faces_and_vertices(opened.faces.len(), opened.positions.len()));
         (all["faces"], all["vertices"]) = (json!(opened.faces.len()), json!(opened.positions.len()));
     }
     text += &measured(&measures);
@@ -117,6 +117,11 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
     all["notes"] = json!(opened.notes());
     all["measures"] = to_json("the measures", &measures)?;
     Ok((text, all))
+}
+
+fn faces_and_vertices(faces: usize, vertices: usize) -> String {
+    let vertices = if vertices == 1 { "1 vertex".into() } else { format!("{vertices} vertices") };
+    format!("{}, {vertices}", counted(faces, "face"))
 }
 
 /// Three coordinates of a mesh of `size`, rounded to a ten-thousandth of it.

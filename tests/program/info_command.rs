@@ -37,7 +37,7 @@ fn info_of_another_format_tells_its_counts() {
     let mesh = write(dir.path(), "square.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n");
     let output = run(&["info", word(&mesh)]);
     let text = String::from_utf8(output.stdout).unwrap();
-    assert!(output.status.success() && text.contains("1 faces, 4 vertices") && !text.contains("PLY"), "{text}");
+    assert!(output.status.success() && text.contains("1 face, 4 vertices") && !text.contains("PLY"), "{text}");
 }
 
 /// It said that OFF is no PLY, and to convert it to OFF.
