@@ -140,6 +140,19 @@ pub fn assert_rearranged(name: &str, a: &Mesh, b: &Mesh, places: &[u32], numbers
     }
 }
 
+/// Whether programs that are started here ignore interrupts, as this process does if a script started it in the
+/// background: then they cannot be interrupted.
+pub fn interrupts_are_ignored() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let signals = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
+    let ignored = signals & (1 << (2 - 1)) != 0;
+    if ignored {
+        eprintln!("skipped: interrupts are ignored here");
+    }
+    ignored
+}
+
 /// The names in `folder`, sorted, but for the hidden folder in which a batch says what made its outputs.
 pub fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();

@@ -409,6 +409,9 @@ fn an_interrupt_leaves_nothing_behind_or_a_work_directory_that_goes_on() {
     std::fs::create_dir(&tmp).unwrap();
     let place = ["--work-dir", word(&work), "--tmp", word(&tmp)];
     for (place, kept, name, signal) in [(&place[2..], false, "-INT", 2), (&place[..], true, "-TERM", 15)] {
+        if signal == 2 && common::interrupts_are_ignored() {
+            continue;
+        }
         let mut child = program()
             .args(["segment", word(&mesh), "-k", "5", "-l", "2000", "--threads", "1"])
             .args(place)
