@@ -377,8 +377,9 @@
     for (let t = 0; t < count; t++) { area[cut.part[t]] += areas[t]; faces[cut.part[t]] += 1; }
     const whole = area.reduce((a, b) => a + b, 0) || 1;
     const exact = cut.plain && Array.isArray(report.parts) && report.parts.length === found ? report.parts : null;
-    const all = exact ? exact.reduce((sum, part) => sum + part.area, 0) || 1 : whole;
-    measured = Array.from(area, (x, part) => (exact ? exact[part].area : x) / all);
+    // The report of a cut from the hierarchy has no areas; those of very large or small meshes are null or 0.
+    const sum = exact && exact.every((part) => Number.isFinite(part.area)) ? exact.reduce((sum, part) => sum + part.area, 0) : 0;
+    measured = Array.from(area, (x, part) => (sum > 0 ? exact[part].area / sum : x / whole));
     const rows = cut.colours.map((_, part) => part);
     if (sorting === 'area') rows.sort((a, b) => measured[b] - measured[a] || a - b);
     if (sorting === 'name') rows.sort((a, b) => nameOf(a).localeCompare(nameOf(b), 'en', { numeric: true }));
