@@ -224,6 +224,12 @@ def test_names_go_along(cut, tmp_path):
     table = tmp_path / "names.tsv"
     table.write_text("part\tname\n3\tright ball\n")
     assert nystrom_stream.segment(*dumbbell(), 4, names=table).names[3] == "right ball"
+    # Regression: a table removed the names that edits gave; the program adds to them.
+    edits = [{"edit": "name", "at": cut.place(1), "name": "bar"}]
+    both = nystrom_stream.segment(*dumbbell(), 4, edits=edits, names=table)
+    assert "bar" in both.names and both.names[3] == "right ball"
+    named.names = table
+    assert named.names == ["a", "b", "", "right ball"]
     trimesh = pytest.importorskip("trimesh", exc_type=ImportError)
     assert isinstance(named.to_trimesh(), trimesh.Trimesh) and named.to_trimesh().metadata["part_names"][1] == "b"
 

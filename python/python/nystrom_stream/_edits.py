@@ -70,7 +70,8 @@ def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str],
     """Names of parts, which must be lines of text, of `parts` parts if that is known: from a dict by part, a list, or the path of a
     table."""
     if isinstance(names, (str, os.PathLike)):
-        names = _native.read_names(names)
+        # By part: it adds to the names that edits gave, as with the program.
+        names = {part: name for part, name in enumerate(_native.read_names(names)) if name}
     by_part = hasattr(names, "keys")
     if not by_part and not hasattr(names, "__iter__"):
         raise TypeError(f"names: {names!r}; give a list, a dict by part, or the path of a table")
@@ -86,7 +87,7 @@ def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str],
 
 
 def as_names(names: Any, parts: int, before: Sequence[str] = ()) -> list[str]:
-    """A name per part, "" where it has none; `names` is a list, the path of a table, or a dict by part, which adds to `before`."""
+    """A name per part, "" where it has none; `names` is a list, or a dict by part or the path of a table, which add to `before`."""
     names = read_names(names, parts)
     by_part = isinstance(names, dict)
     all_names = [*(before if by_part else names), *[""] * parts][:parts]

@@ -159,7 +159,7 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
     edits: corrections of the parts: a list of dicts or a file, see `Segmentation.edit`.
     hints: an integer per face, or the name of such a property of the file: faces with equal values belong together, with different
         values apart; 0 means no hint.
-    names: of parts: a list, a dict by part, or the path of a table.
+    names: of parts: a list; or a dict by part or the path of a table, which leave the other names that `edits` give.
     seed: of all random choices; with the same options and seed, results do not depend on threads or memory.
     threads: worker threads; by default one per core.
     max_memory: maximum memory to allocate in bytes, or as "2GiB", "512M"; by default half of the free memory.

@@ -138,7 +138,8 @@ class Segmentation(_Labelled):
     colours: (parts, 3) uint8, one sRGB colour per part, different for parts that touch.
     report: a dict with counts of the mesh, parts with their areas, landmarks, eigenvalues, seconds by stage; of a cut from the
         hierarchy the parts without areas, and no more.
-    names: a name per part, "" for none. Assign a list, or a dict by part: `cut.names = {0: "left arm"}`.
+    names: a name per part, "" for none. Assign a list; or a dict by part, `cut.names = {0: "left arm"}`, or the path of a table, which
+        leave the other names as they are.
 
     Whatever needs the mesh raises ValueError if its file has changed since.
     """
