@@ -87,6 +87,11 @@ def test_a_palette_changes_no_number_of_parts(mesh, cut):
     assert repr(coloured) == repr(cut) and len(coloured.measure()) == 3
     with pytest.raises(ValueError, match="colours: 2 for 3 parts; give one per part"):
         coloured.colours = before[:2]
+    # Regression: a palette of bytes was not copied, so that changing it changed the cut.
+    palette = np.full((3, 3), 7, np.uint8)
+    coloured.colours = palette
+    palette[:] = 200
+    assert (coloured.colours == 7).all()
 
 
 def test_whole_numbers_of_parts_of_any_type(mesh):

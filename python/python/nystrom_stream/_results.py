@@ -69,7 +69,8 @@ class _Labelled(_OfMesh):
     def colours(self, colours: ArrayLike) -> None:
         # There are as many parts as before, however many colours a palette has.
         parts = None if self._colours is None else len(self._colours)
-        self._colours = as_colours(colours, parts or 0)[:parts]
+        # A copy: whoever gave the palette may change it.
+        self._colours = as_colours(colours, parts or 0)[:parts].copy()
 
     def save(self, path: Path, *, vertex_labels: bool = False, split_vertices: bool = False, split_faces: bool = False, cap: bool = False,
              part_form: str = "ply") -> None:
