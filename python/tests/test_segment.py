@@ -59,7 +59,8 @@ def test_connected_components(mesh):
     for call in (cut.recut, cut.cut):
         with pytest.raises(ValueError, match="no hierarchy of parts; cut with cluster='parts'"):
             call(2)
-    for option in [{"parts": 2}, {"landmarks": 9}, {"exact": True}, {"walls": "own"}, {"sigma": 1.0}]:
+    # Regression: weights, which the program refuses, had no effect in silence.
+    for option in [{"parts": 2}, {"landmarks": 9}, {"exact": True}, {"walls": "own"}, {"sigma": 1.0}, {"metric": "paper"}, {"beta": 1.0}]:
         with pytest.raises(ValueError):
             nystrom_stream.segment(*pair, cluster="components", **option)
 

@@ -80,7 +80,8 @@ def _params(parts: Optional[int], parts_range: Optional[tuple[int, int]], detail
     wanted = [name for name, value in means.items() if value is not None]
     if method in ("parts", "components") and wanted:
         raise ValueError(f"{wanted[0]}: requires cluster='kmeans' or 'two-means'")
-    distances = {"landmarks": landmarks, "sampling": sampling, "exact": exact or None}
+    weights = None if metric == _metric("scale-free", None, None, None) else metric
+    distances = {"landmarks": landmarks, "sampling": sampling, "exact": exact or None, "metric": weights}
     unused = [name for name, value in distances.items() if value is not None]
     if method == "components" and unused:
         raise ValueError(f"{unused[0]}: has no effect with cluster='components'")
