@@ -262,6 +262,19 @@ def test_the_page_corrects_parts(cut, tmp_path):
         page = told(each)
         assert page["edits"]["edits"] == edited.edits and "ball" in page["names"] and page["cuts"]["model"]
     assert told(cut.cut(3))["cuts"]["model"]
+    # Regression: the page of another number of parts saved edits, and showed a command, of the cut that it was taken from.
+    assert told(cut.cut(3))["report"]["options"]["parts"]["count"] == {"exactly": 3}
+
+
+def test_edits_of_a_cut_within_a_range_state_its_parts(tmp_path):
+    # Regression: a saved file stated none, so that the program applied the edits to the parts that it finds by itself.
+    ranged = nystrom_stream.segment(*dumbbell(), parts_range=(6, 7))
+    edited = ranged.edit([{"edit": "split", "at": ranged.place(0), "into": 2}])
+    edited = edited.edit([{"edit": "name", "at": ranged.place(1), "name": "x"}])
+    for cut in (ranged, edited):
+        cut.save_edits(tmp_path / "edits.json")
+        assert json.loads((tmp_path / "edits.json").read_text())["parts"] == ranged.n_parts >= 6
+    assert (nystrom_stream.segment(*dumbbell(), edits=tmp_path / "edits.json").labels == edited.labels).all()
 
 
 def test_wrong_edits_are_named(cut):

@@ -193,15 +193,18 @@ class Segmentation(_Labelled):
         if whole:
             return cut_mesh(self._mesh, started_from(self._options, told), told, progress)
         told = {**(self._edits or {}), **told, "edits": self.edits + told["edits"]}
-        if protects(told) and told.get("parts") is None and told.get("detail") is None:
+        if (protects(told) or self._is_ranged()) and told.get("parts") is None and told.get("detail") is None:
             told.update(self._start())
         return cut_mesh(self._mesh, self._options, told, progress)
 
     def _start(self) -> dict[str, Any]:
         """The cut that places are on, as in a file of edits: parts found within a range are as many as there are."""
+        return {"parts": self.n_parts} if self._is_ranged() and not self._edits else started(self._options)
+
+    def _is_ranged(self) -> bool:
+        """Whether a number of parts was found within a range, which a file of edits cannot state."""
         count = json.loads(self._options["params"])["parts"]["count"]
-        is_ranged = isinstance(count, dict) and "between" in count
-        return {"parts": self.n_parts} if is_ranged and not self._edits else started(self._options)
+        return isinstance(count, dict) and "between" in count
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "file": self._mesh.file}
@@ -233,7 +236,7 @@ class Segmentation(_Labelled):
         box = _native.edits_box(self._mesh)
         head: dict[str, Any] = {} if box is None else {"box": box}
         with open(path, "w", encoding="utf-8") as file:
-            file.write(text_of({**head, **started(self._options), **as_edits(self._edits or [])}) + "\n")
+            file.write(text_of({**head, **self._start(), **as_edits(self._edits or [])}) + "\n")
 
     @property
     def tree(self) -> Optional[dict[str, Any]]:
@@ -262,7 +265,9 @@ class Segmentation(_Labelled):
         names are dropped."""
         labels = self.recut(parts)
         colours = _native.part_colours(self._mesh, labels)
-        report = {"input": self.report["input"], "options": self.report["options"]}
+        # That the page starts edits from this cut, too.
+        asked = {**self.report["options"]["parts"], "count": {"exactly": whole("parts", parts, 1)}, "detail": 0.0}
+        report = {"input": self.report["input"], "options": {**self.report["options"], "parts": asked}}
         counts = np.bincount(labels, minlength=len(colours))
         report["parts"] = [{"label": k, "faces": int(n), "colour": colours[k].tolist()} for k, n in enumerate(counts)]
         decision = self._decision and self._decision.without_start()
