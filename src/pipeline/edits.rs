@@ -332,7 +332,7 @@ fn nearest_cell(pairs: &[[u32; 2]], label: &[u32], cell: u32, part: u32) -> u32 
 
 /// The cut of `cells` cells from which `edits` start, if they protect parts of it.
 fn start(edits: &Edits, cells: usize) -> Option<(PartCount, f64)> {
-    if !edits.edits.iter().any(|edit| matches!(edit, Edit::Protect { .. })) {
+    if !edits.protects() {
         return None;
     }
     let exactly = edits.parts.map(|parts| (PartCount::Exactly(parts).at_most(cells), 0.));

@@ -146,3 +146,31 @@ fn edits_of_a_page_are_in_units_of_its_mesh() {
     let shown = &data(&Page { edits: Some(&plain), ..page }.html(&run()).unwrap())["edits"];
     assert_eq!((&shown["box"], &shown["edits"][0]["at"][0]), (&Value::Null, &json!([1.9, 0.1, 0.])));
 }
+
+#[test]
+fn edits_of_a_page_state_the_cut_that_they_were_made_on() {
+    // Regression: with `-k` beside a file of edits, the page saved them without that number, or with that of the file:
+    // what it saved made other parts than it showed.
+    let mesh = Mesh::from_slices(&[[0., 0., 0.], [1., 0., 0.], [1., 1., 0.]], &[[0, 1, 2]]).unwrap();
+    let shown = |edits: Edits, asked: Value| {
+        let report = json!({"options": {"parts": asked}});
+        let (edits, labels, colours) = (Some(&edits), &[0], &[[255, 0, 0]]);
+        let page = Page { title: "", mesh: &mesh, labels, colours, names: &[], cuts: None, edits, report: &report };
+        let shown = &data(&page.html(&run()).unwrap())["edits"];
+        [shown["parts"].clone(), shown["detail"].clone()]
+    };
+    let at = || Place::Face(0);
+    let file = |edit| Edits { parts: Some(4), edits: vec![edit], ..Edits::default() };
+    let split = || file(Edit::Split { at: at(), into: 2 });
+    let six = || json!({"count": {"exactly": 6}, "detail": 0.});
+    assert_eq!(shown(split(), six()), [json!(6), Value::Null]);
+    assert_eq!(shown(Edits { parts: None, ..split() }, six()), [json!(6), Value::Null]);
+    assert_eq!(shown(split(), json!({"count": "found", "detail": 0.5})), [Value::Null, json!(0.5)]);
+    assert_eq!(
+        shown(Edits { parts: None, ..split() }, json!({"count": "found", "detail": 0.})),
+        [Value::Null, Value::Null]
+    );
+    // Protected parts are those of the file's cut, and nothing is known of a report without options.
+    assert_eq!(shown(file(Edit::Protect { at: at() }), six()), [json!(4), Value::Null]);
+    assert_eq!(shown(split(), Value::Null), [json!(4), Value::Null]);
+}

@@ -149,6 +149,13 @@ impl Edit {
     }
 }
 
+impl Edits {
+    /// Whether some of them protect parts: those of the cut that the edits state.
+    pub fn protects(&self) -> bool {
+        self.edits.iter().any(|edit| matches!(edit, Edit::Protect { .. }))
+    }
+}
+
 impl std::fmt::Display for Place {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {

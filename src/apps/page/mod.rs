@@ -160,7 +160,7 @@ impl Page<'_> {
         let mesh = &self.mesh.without_strays(run)?;
         // Edits from a file may be in other units. Those made on the page are saved after them, with the box of this
         // mesh.
-        let edits = self.edits.map(|edits| edits.in_units_of(mesh, run)).transpose()?;
+        let edits = self.edits.map(|edits| edits.in_units_of(mesh, run)).transpose()?.map(|edits| self.started(edits));
         let shown = &Page { mesh, edits: edits.as_ref(), ..*self };
         let axes = picture::best_view(shown.mesh, Some(self.labels), self.colours.len(), run)?;
         let bytes = decimate::BYTES * shown.mesh.faces.triangle_count().min(TRIANGLES as u64);
@@ -171,6 +171,18 @@ impl Page<'_> {
         let title = self.title.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let places = [("/*STYLE*/", STYLE), ("{{TITLE}}", &title), ("/*SCRIPT*/", SCRIPT), ("\"DATA\"", &data)];
         Ok(filled(TEMPLATE, &places))
+    }
+
+    /// `edits` with the number of parts or the detail that the run was asked for, which took precedence over those of
+    /// the file: the page saves them and shows a command. Protected parts are those of the file's cut, so that stays.
+    fn started(&self, mut edits: Edits) -> Edits {
+        let asked = &self.report["options"]["parts"];
+        let parts = asked["count"]["exactly"].as_u64().and_then(|parts| usize::try_from(parts).ok());
+        let detail = asked["detail"].as_f64().filter(|_| asked["count"] == "found");
+        if !edits.protects() && (parts.is_some() || detail.is_some()) {
+            (edits.parts, edits.detail) = (parts, detail.filter(|&detail| detail != 0.));
+        }
+        edits
     }
 
     /// The data for the script.
