@@ -14,8 +14,7 @@
 //! the part.
 
 use super::sides::{
-    CorrespondParams, Correspondence, FunctionalMap, Guidance, LARGE, LARGE_WIDTH, LOCAL_SAMPLES, LOCAL_WIDTH,
-    Refinement, Side, refined,
+    CorrespondParams, Correspondence, FunctionalMap, Guidance, LOCAL_SAMPLES, Refinement, Side, local_width, refined,
 };
 use crate::apps::correspond::align::{TELLING, align};
 use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, transformed};
@@ -90,11 +89,6 @@ impl Candidate {
     fn rank(&self) -> f64 {
         self.outcomes.first().map_or(f64::INFINITY, |best| best.distortion * best.residual)
     }
-}
-
-/// Area in squared units of the file.
-fn area(side: &Side<'_>) -> f64 {
-    side.graph.facts.area * side.graph.frame.scale * side.graph.frame.scale
 }
 
 impl Region {
@@ -209,9 +203,9 @@ pub(super) fn match_partial(
     params: &CorrespondParams,
     context: Context<'_>,
 ) -> Result<Correspondence> {
-    let a_is_part = area(a) <= area(b);
+    let a_is_part = a.area() <= b.area();
     let [part, whole] = if a_is_part { [a, b] } else { [b, a] };
-    let share = area(part) / area(whole).max(1e-300);
+    let share = part.area() / whole.area().max(1e-300);
     let bytes = REGION * whole.graph.len() as u64 + MAPS * part.graph.len() as u64;
     let _grant = context.run.budget.take("regions of the whole", bytes, bytes)?;
     let (starts, images, basis) = first_maps(part, whole, share, params, context)?;
@@ -276,9 +270,9 @@ fn first_maps(
     context: Context<'_>,
 ) -> Result<(Vec<PartialOutcome>, Vec<Images>, LocalBasis)> {
     let sides = [part, whole];
-    let root = area(whole).sqrt().max(1e-300);
+    let root = whole.area().sqrt().max(1e-300);
     let units = sides.map(|side| side.graph.frame.scale / root);
-    let width = if part.graph.len().max(whole.graph.len()) > LARGE { LARGE_WIDTH } else { LOCAL_WIDTH };
+    let width = local_width(sides);
     let of_whole = LOCAL_SAMPLES.min(whole.graph.len());
     let of_part = (of_whole as f64 * share).round() as usize;
     let of_part = of_part.max(FEWEST).min(part.graph.len());

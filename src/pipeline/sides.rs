@@ -114,11 +114,11 @@ pub fn default_landmarks_for_vertices(vertices: usize) -> usize {
 pub(super) const LOCAL_SAMPLES: usize = 700;
 /// Width of the local kernel, relative to the mean spacing of these vertices: wide enough to even out their
 /// distribution.
-pub(super) const LOCAL_WIDTH: f64 = 1.6;
+const LOCAL_WIDTH: f64 = 1.6;
 /// The same for meshes beyond [`LARGE`] vertices, where truncated fronts cost the most.
-pub(super) const LARGE_WIDTH: f64 = 1.1;
+const LARGE_WIDTH: f64 = 1.1;
 /// Number of vertices above which a mesh gets fewer landmarks and a narrower kernel.
-pub(super) const LARGE: usize = 300_000;
+const LARGE: usize = 300_000;
 /// Length of a local row, in kernel widths.
 const LOCAL_REACH: f64 = 2.7;
 /// Number of functions for refinement.
@@ -281,10 +281,14 @@ impl<'a> Side<'a> {
         Refinable { basis, points, tensor, nodes: &self.graph.nodes, rows: &self.rows, unit: self.graph.unit() }
     }
 
+    /// Its area, in squared units of the file.
+    pub(super) fn area(&self) -> f64 {
+        self.graph.facts.area * self.graph.frame.scale * self.graph.frame.scale
+    }
+
     pub(super) fn facts(&self) -> SideFacts {
-        let area = self.graph.facts.area * self.graph.frame.scale * self.graph.frame.scale;
         SideFacts {
-            graph: VertexFacts { area, ..self.graph.facts },
+            graph: VertexFacts { area: self.area(), ..self.graph.facts },
             landmarks: self.rows.landmarks.clone(),
             sigma: self.fit.sigma / self.graph.facts.area.sqrt(),
             variance: self.fit.variance.clone(),
@@ -322,6 +326,11 @@ impl Guidance {
     }
 }
 
+/// Width of the local kernel on both of `sides`.
+pub(super) fn local_width(sides: [&Side<'_>; 2]) -> f64 {
+    if sides.iter().any(|side| side.graph.len() > LARGE) { LARGE_WIDTH } else { LOCAL_WIDTH }
+}
+
 pub(super) fn no_alternative(asked: usize, found: usize) -> Error {
     let problem = format!("there is no alignment {asked} among {found}");
     Error::parameter("alternative", problem, "count from 0; the report lists them")
@@ -354,7 +363,7 @@ pub(super) fn refined(
     let Refinement { sides: [(a, graph_a), (b, graph_b)], points_b, params, guidance, name } = refinement;
     // The same number on both, so that the kernels have the same width.
     let samples = LOCAL_SAMPLES.min(a.graph.len()).min(b.graph.len());
-    let width = if a.graph.len().max(b.graph.len()) > LARGE { LARGE_WIDTH } else { LOCAL_WIDTH };
+    let width = local_width([a, b]);
     let basis = |side: &Side<'_>| side.basis(samples, width, params, &format!("{name}functions.npy"), context.run);
     let bases = || Ok([basis(a)?, basis(b)?]);
     let ([basis_a, basis_b], _) = context.run.stage("basis", "rows", 2 * samples as u64, bases)?;
