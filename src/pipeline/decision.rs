@@ -306,6 +306,11 @@ impl KeptDecision {
     }
 }
 
+/// The manifest of the contraction in `work`, if there is one.
+pub(super) fn manifest_of_contraction(work: &WorkDir) -> Option<Manifest> {
+    work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")).ok()
+}
+
 /// Whether the decision in `work`, or that on its contracted mesh, belongs to the current graph: after K-means on
 /// another mesh, an older decision may be left.
 fn is_current(work: &WorkDir, contracted: bool) -> bool {
@@ -327,7 +332,7 @@ fn is_current(work: &WorkDir, contracted: bool) -> bool {
     if !contracted {
         return decided(&manifest, graph);
     }
-    let Ok(inner) = work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")) else { return false };
+    let Some(inner) = manifest_of_contraction(work) else { return false };
     manifest.stages.get(WeightsStage::NAME).is_some_and(|weights| {
         let seed = weights.inputs["seed"].as_u64().unwrap_or_default();
         weights.inputs["graph"] == graph && decided(&inner, &contract::key(&weights.key, seed))

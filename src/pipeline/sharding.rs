@@ -10,7 +10,7 @@
 //! boundaries ([`super::shared_boundaries`]). The stages that need these use the shares ([`SharedFront`],
 //! [`shard::merge`]).
 
-use super::decision::CONTRACTED;
+use super::decision::{CONTRACTED, manifest_of_contraction};
 use super::input::Record;
 use super::params::{Cluster, SegmentParams};
 use super::shared_boundaries::BoundaryFacts;
@@ -27,7 +27,6 @@ use crate::graph::row_starts::StartsForm;
 use crate::graph::{DualGraph, Node, WeightedGraph, nodes};
 use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
-use crate::store::manifest::{MANIFEST, Manifest};
 use crate::store::stage::{Stage, StageKey};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -268,7 +267,7 @@ impl SharedWork<'_> {
 
     fn share_fronts(&self, facts: &FrontFacts, shard: (usize, usize), work: &WorkDir, run: &Run) -> Result<usize> {
         let used = match self.step {
-            ShareStep::Contraction => work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")).ok(),
+            ShareStep::Contraction => manifest_of_contraction(work),
             _ => Some(work.manifest()),
         };
         let stages = used.map(|manifest| manifest.stages).unwrap_or_default();

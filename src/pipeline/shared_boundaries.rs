@@ -5,7 +5,7 @@
 //! takes the parts from the contracted nodes and the depths from their shares, so nothing of the size of the mesh is
 //! written for it.
 
-use super::decision::CONTRACTED;
+use super::decision::{CONTRACTED, manifest_of_contraction};
 use super::params::SegmentParams;
 use super::surface::WeightedSurface;
 use super::{contracted, input, labels, means, parts};
@@ -16,7 +16,6 @@ use crate::graph::dual::WeightsStage;
 use crate::graph::row_starts::StartsForm;
 use crate::graph::{DualGraph, WeightedGraph};
 use crate::mesh::Mesh;
-use crate::store::manifest::{MANIFEST, Manifest};
 use crate::store::stage::Stage;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use serde::{Deserialize, Serialize};
@@ -109,8 +108,7 @@ impl BoundaryFacts {
     /// contraction, and a later one with these options only the weights.
     pub fn is_current(&self, work: &WorkDir, run: &Run) -> bool {
         let contracted = || {
-            let manifest = work.read_json::<Manifest>(&format!("{CONTRACTED}/{MANIFEST}")).ok();
-            let kept = manifest.and_then(|mut manifest| manifest.stages.remove(Contraction::NAME));
+            let kept = manifest_of_contraction(work).and_then(|mut inner| inner.stages.remove(Contraction::NAME));
             kept.is_some_and(|kept| kept.key == contract::key(&self.keys[1], run.seed))
         };
         self.sources[0] == 0
