@@ -17,7 +17,6 @@ use super::band_graph::{BandArrays, WeightedLengths, band_nodes};
 use super::crease::OwnTurning;
 use super::extrapolate::LocalPartMeans;
 use super::few_nodes::{fitted, of_chunks, will_need_rows};
-use super::normals::lengths;
 use super::shorten::{HOPS, PASSES, shorten};
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
@@ -139,7 +138,7 @@ pub fn depth_front<'a>(graph: &'a DualGraph, half_width: f32, boundary_nodes: &'
     SharedFront {
         name: "depths",
         stage: "boundaries",
-        graph: lengths(graph),
+        graph: graph.edges.by_distance(),
         key: &graph.key,
         sources: boundary_nodes,
         labels: None,
@@ -255,7 +254,7 @@ fn straighten(
     context: Context<'_>,
 ) -> Result<ScratchArray<u32>> {
     let run = context.run;
-    let (lengths, steps) = (lengths(graph), weighted.csr());
+    let steps = weighted.csr();
     let mean = graph.edges.mean_step();
     let across = |i: usize| steps.neighbours(i as u32).any(|(j, _)| labels[j as usize] != labels[i]);
     let open = run.fill_chunks(
@@ -278,7 +277,7 @@ fn straighten(
     let open = open.concat();
     // Weights of an altered graph may be no numbers.
     let reach = (REACH / shares.unit).max(LEAST_FACES * mean).min((HOPS * PASSES) as f32 * mean);
-    voronoi::within(lengths, &open, reach, field, run)?;
+    voronoi::within(graph.edges.by_distance(), &open, reach, field, run)?;
     let band = band_nodes(field, visited, context)?;
     let lengths = WeightedLengths {
         steps,

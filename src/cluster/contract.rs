@@ -355,7 +355,6 @@ fn assemble(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cluster::normals::lengths;
     use crate::distance::voronoi::nearest_source;
     use crate::mesh::Mesh;
     use std::collections::BTreeMap;
@@ -379,7 +378,7 @@ mod tests {
         let (mesh, run) = (waves(), Run::new(&()));
         let work = WorkDir::temporary(&std::env::temp_dir()).unwrap();
         let graph = DualGraph::build(&mesh, "waves".as_ref(), &Value::Null, Context::new(&work, &run)).unwrap();
-        let (csr, n) = (lengths(&graph), graph.nodes.len());
+        let (csr, n) = (graph.edges.by_distance(), graph.nodes.len());
         assert!(n > 2 * CHUNK);
         let seeds: Vec<u32> = (0..n as u32).step_by(37).collect();
         let (mut field, mut owner) = (vec![0f32; n], vec![0u32; n]);

@@ -18,7 +18,6 @@ use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::vector::{MapEach, dot};
 use crate::distance::SharedFront;
-use crate::graph::Csr;
 use crate::graph::angle::between;
 use crate::graph::{DualGraph, Node};
 use crate::spectral::exp::exp;
@@ -31,11 +30,6 @@ const CHUNK: usize = 1 << 14;
 
 /// Normals of the nodes (n).
 pub type Normals = MappedSlice<[f32; 3]>;
-
-/// The graph weighted by length only.
-pub fn lengths(graph: &DualGraph) -> Csr<'_> {
-    graph.edges.by_distance()
-}
 
 /// Normals at radius `r` (in units of √(area)), written to `file`. `at_a_time` is the number of such calls that run in
 /// parallel and share the threads.
@@ -95,7 +89,7 @@ pub fn cell_front<'a>(graph: &'a DualGraph, seeds: &'a [u32], file: &'a str) -> 
     SharedFront {
         name,
         stage: "normals",
-        graph: lengths(graph),
+        graph: graph.edges.by_distance(),
         key: &graph.key,
         sources: seeds,
         labels: None,

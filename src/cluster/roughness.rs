@@ -11,7 +11,7 @@
 //! them: a disc stops at [`MOST`] of all faces, and the whole mesh is tested instead.
 
 use super::area_shares::{AreaShares, SurfaceSum};
-use super::normals::{RADII, SmoothingCell, falloff, lengths, smooth_normal};
+use super::normals::{RADII, SmoothingCell, falloff, smooth_normal};
 use crate::base::Result;
 use crate::graph::angle::between;
 use crate::graph::{DualGraph, Node};
@@ -52,7 +52,7 @@ pub fn sampled_turning(graph: &DualGraph, shares: &AreaShares, run: &Run) -> Res
     let paged = run.is_paged(graph.edges.indices.as_ref());
     let advise = |access| {
         if paged {
-            lengths(graph).advise(access);
+            graph.edges.by_distance().advise(access);
             graph.nodes.view().advise(access);
         }
     };
@@ -167,7 +167,7 @@ impl<'a> Patch<'a> {
     /// walk was cut off at [`MOST`] of the mesh.
     fn gather(&mut self, middle: u32) -> bool {
         let Self { graph, shares, paged, .. } = *self;
-        let (lengths, nodes) = (lengths(graph), graph.nodes.view());
+        let (lengths, nodes) = (graph.edges.by_distance(), graph.nodes.view());
         let enter = |page: Range<usize>| {
             if paged {
                 let page = page.start..page.end.min(nodes.len());

@@ -275,7 +275,7 @@ impl SurfaceStage<'_> {
         context: Context<'_>,
     ) -> Result<()> {
         // Fronts by blocks already use all threads.
-        let by_blocks = voronoi::is_by_blocks(normals::lengths(self.graph), context.run);
+        let by_blocks = voronoi::is_by_blocks(self.graph.edges.by_distance(), context.run);
         let at_a_time = if by_blocks { 1 } else { context.run.threads.min(radii.len()).max(1) };
         let made = map_chunks(
             at_a_time,
