@@ -28,6 +28,8 @@ const BESIDE_LARGEST: f64 = 0.1;
 /// Minimum share of a face, relative to the mean: no face counts for nothing.
 const FLOOR: f64 = 1e-4;
 const CHUNK: usize = 1 << 15;
+/// The array of stored shares.
+pub const FILE: &str = "surface_shares.npy";
 
 /// Area shares of the faces, 0 in tiny components, and the unit of length. They sum to 1 except for the minimum share.
 #[derive(Clone, Debug)]
@@ -56,8 +58,8 @@ impl FromArea {
 }
 
 impl AreaShares {
-    /// Computes the shares. They are stored as `surface_shares.npy`, unless the graph has a single component and its
-    /// geometry is computed at each access.
+    /// Computes the shares. They are stored as [`FILE`], unless the graph has a single component and its geometry is
+    /// computed at each access.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -77,7 +79,7 @@ impl AreaShares {
             let computed = Some((graph.nodes.clone(), from));
             return Ok(Self { stored: MappedSlice::empty(), computed, unit, tiny_nodes });
         }
-        let mut array = context.work.array::<f32>("surface_shares.npy", &[n])?;
+        let mut array = context.work.array::<f32>(FILE, &[n])?;
         context.run.fill_chunks(
             array.data(),
             CHUNK,

@@ -16,10 +16,9 @@ use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::sort::lexicographic;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::SharedFront;
-use crate::graph::DualEdges;
+use crate::graph::csr::{INDICES, WEIGHTS};
 use crate::graph::row_starts::{OwnedRowStarts, PLAIN, StartsForm};
-use crate::graph::{Csr, WeightedGraph};
-use crate::graph::{DualGraph, GraphFacts, Node};
+use crate::graph::{Csr, DualEdges, DualGraph, GraphFacts, Node, WeightedGraph, nodes};
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::stage::{BuiltStage, Stage, key_of};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
@@ -41,9 +40,7 @@ const OWNER: &str = "contracted.tmp";
 const FIELD: &str = "contracted_field.tmp";
 const SEEDS: &str = "contraction_seeds.npy";
 const AREAS: &str = "contraction_areas.npy";
-const NODE_GEOMETRY: &str = "node_geometry.npy";
-const EDGES: [&str; 3] = ["graph_indices.npy", "graph_centroid_distances.npy", "graph_shared_edge_lengths.npy"];
-const WEIGHTS: &str = "graph_weights.npy";
+const LENGTHS: [&str; 2] = ["graph_centroid_distances.npy", "graph_shared_edge_lengths.npy"];
 
 /// The contracted surface.
 #[derive(Debug)]
@@ -88,8 +85,8 @@ impl Stage for Contraction<'_> {
 
     fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let output = contract(&self, key, context)?;
-        let mut files = vec![OF_FACE, SEEDS, AREAS, NODE_GEOMETRY, WEIGHTS, PLAIN];
-        files.extend(EDGES);
+        let mut files = vec![OF_FACE, SEEDS, AREAS, nodes::FILE, WEIGHTS, PLAIN, INDICES];
+        files.extend(LENGTHS);
         Ok(BuiltStage { facts: output.graph.facts.clone(), output, files })
     }
 
@@ -334,9 +331,9 @@ fn assemble(
     let indices: Vec<u32> = entries.iter().map(|(column, _)| *column).collect();
     let edges = DualEdges::of_arrays(
         OwnedRowStarts::Plain(inner.write(PLAIN, &indptr, 1)?),
-        inner.write(EDGES[0], &indices, 1)?,
-        write(EDGES[1], 1)?,
-        write(EDGES[2], 2)?,
+        inner.write(INDICES, &indices, 1)?,
+        write(LENGTHS[0], 1)?,
+        write(LENGTHS[1], 2)?,
     );
     let weights = write(WEIGHTS, 0)?;
     let weighted = WeightedGraph::new(inner.path(), edges.starts.clone(), edges.indices.clone(), weights, key.clone())?;
@@ -348,7 +345,7 @@ fn assemble(
         area: nodes.iter().map(|node| f64::from(node.area)).sum(),
         ..graph.facts.clone()
     };
-    let nodes = inner.write(NODE_GEOMETRY, &nodes, 7)?.into();
+    let nodes = inner.write(nodes::FILE, &nodes, 7)?.into();
     Ok((DualGraph { edges, nodes, components: None, facts, key }, weighted))
 }
 

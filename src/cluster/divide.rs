@@ -17,6 +17,8 @@ use std::collections::BinaryHeap;
 const NONE: u32 = u32::MAX;
 /// Faces between checks of the stop flag.
 const STOP_CHECK: usize = 1 << 16;
+/// Temporary array of the nodes of a piece.
+const QUEUE: &str = "pieces.tmp";
 
 /// Parts divided into pieces.
 #[derive(Clone, Debug)]
@@ -27,8 +29,8 @@ pub struct Pieces {
     pub first: Vec<u32>,
 }
 
-/// Divides the parts of `labels` (n) into `wanted` pieces in all, or one per node if there are fewer, as `labels.npy`.
-/// The part `whole`, if given, is divided last.
+/// Divides the parts of `labels` (n) into `wanted` pieces in all, or one per node if there are fewer, in the array
+/// `file`. The part `whole`, if given, is divided last.
 ///
 /// # Errors
 /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -37,6 +39,7 @@ pub fn divide(
     labels: &[u32],
     wanted: usize,
     whole: Option<u32>,
+    file: &str,
     context: Context<'_>,
 ) -> Result<Pieces> {
     let n = labels.len();
@@ -52,8 +55,8 @@ pub fn divide(
         end(piece + 1) - end(piece)
     };
     let mut filling: Vec<(u64, u64)> = (0..parts).map(|part| (0, room(part, 0))).collect();
-    let mut array = context.work.array::<u32>("labels.npy", &[n])?;
-    let mut queue = context.work.array::<u32>("pieces.tmp", &[n])?;
+    let mut array = context.work.array::<u32>(file, &[n])?;
+    let mut queue = context.work.array::<u32>(QUEUE, &[n])?;
     let (out, queue_slice) = (&mut array.data()[..], &mut queue.data()[..]);
     out.fill(NONE);
     for start in 0..n {
@@ -82,7 +85,7 @@ pub fn divide(
         filling[part] = if is_full { (piece + 1, room(part, piece + 1)) } else { (piece, left) };
     }
     drop(queue);
-    context.work.remove("pieces.tmp.partial");
+    context.work.remove(&format!("{QUEUE}.partial"));
     Ok(Pieces { labels: array.finish(false)?, first })
 }
 
@@ -118,7 +121,7 @@ mod tests {
         let weights = vec![1f32; indices.len()];
         let (run, work) = (Run::new(&()), WorkDir::temporary(&std::env::temp_dir()).unwrap());
         let graph = Csr::new(starts.view(), &indices, &weights);
-        let pieces = divide(graph, labels, wanted, whole, Context::new(&work, &run)).unwrap();
+        let pieces = divide(graph, labels, wanted, whole, "labels.npy", Context::new(&work, &run)).unwrap();
         (pieces.labels.to_vec(), pieces.first)
     }
 

@@ -8,7 +8,7 @@
 
 use crate::base::parallel::map_chunks;
 use crate::base::{Error, Result};
-use crate::cluster::area_shares::AreaShares;
+use crate::cluster::area_shares::{self, AreaShares};
 use crate::cluster::boundary::BoundarySurface;
 use crate::cluster::cells::{Cells, OF_FACE, SmoothedNormals};
 use crate::cluster::crease::OwnTurning;
@@ -25,7 +25,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 const NORMALS: [&str; 3] = ["normals_01.npy", "normals_02.npy", "normals_04.npy"];
-const SHARES: &str = "surface_shares.npy";
 /// The name of the kept normals for [`BudgetEstimate`].
 pub(super) const NORMALS_KEPT: &str = "normals";
 /// The graph of the cells.
@@ -126,7 +125,7 @@ impl Stage for SurfaceStage<'_> {
         let shares = AreaShares::of(graph, context)?;
         let (smoothed, _) = context.run.stage("normals", "faces", n, || Smoothed::of(&self, &shares, context))?;
         let Smoothed { normals: [fine, medium, coarse], radius, turning } = smoothed;
-        let mut files = if shares.is_computed() { Vec::new() } else { vec![SHARES] };
+        let mut files = if shares.is_computed() { Vec::new() } else { vec![area_shares::FILE] };
         let cells = if self.cells {
             let smooth = SmoothedNormals { fine: &fine, medium: &medium, coarse: &coarse };
             let (cells, _) = context.run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, context))?;
@@ -167,7 +166,7 @@ impl Stage for SurfaceStage<'_> {
             None
         };
         Ok(PreparedSurface {
-            shares: AreaShares::of_array(work.array_of(SHARES, n)?, unit, tiny_nodes),
+            shares: AreaShares::of_array(work.array_of(area_shares::FILE, n)?, unit, tiny_nodes),
             cells,
             normals: radius.and_then(|k| NORMALS.get(k)).map(|name| work.array_of(name, n)).transpose()?,
             radius: radius.and_then(|k| RADII.get(k)).copied().unwrap_or(0.),
