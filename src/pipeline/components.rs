@@ -8,7 +8,6 @@
 //! bytes per component in arrays of the work directory. Parts themselves (names, colours, reports) are not out of core:
 //! each takes a kilobyte.
 
-use super::edits::PartMarks;
 use super::labels::{self, Clustered, LABELS, QUALITY, SegmentStats};
 use super::params::{SegmentParams, TinyComponents};
 use crate::base::Result;
@@ -51,8 +50,7 @@ pub(super) fn components(graph: &DualGraph, params: &SegmentParams, context: Con
         }
     };
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
-    let marks = PartMarks::default();
-    Ok(Clustered { labels, boundary_nodes: None, quality, numbers, marks, cell_labels: Vec::new() })
+    Ok(Clustered::of_faces(labels, None, quality, numbers))
 }
 
 /// Several components and the parts that they become.

@@ -105,6 +105,18 @@ pub(super) struct Clustered {
     pub cell_labels: Vec<u32>,
 }
 
+impl Clustered {
+    /// Labels that were not decided on cells.
+    pub fn of_faces(
+        labels: MappedSlice<u32>,
+        boundary_nodes: Option<Vec<u32>>,
+        quality: MappedSlice<f32>,
+        numbers: SegmentStats,
+    ) -> Self {
+        Self { labels, boundary_nodes, quality, numbers, marks: PartMarks::default(), cell_labels: Vec::new() }
+    }
+}
+
 /// A part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Part {

@@ -8,9 +8,8 @@
 //! bytes per face; with a contraction it takes one front over all faces, and one in the narrow bands.
 
 use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
-use super::edits::PartMarks;
 use super::labels::{self, Clustered, LABELS, QUALITY, SegmentStats};
-use super::params::{Cluster, SegmentParams, dimensions};
+use super::params::{Cluster, SegmentParams};
 use super::sample::rows;
 use super::surface::WeightedSurface;
 use super::units::Units;
@@ -24,7 +23,7 @@ use crate::graph::{DualGraph, NodeView};
 use crate::spectral::measures::Gamma;
 use crate::spectral::{Embedding, EmbeddingParams, SampledColumns};
 use crate::store::mapped::Access;
-use crate::store::{Context, MappedSlice, Run};
+use crate::store::{Context, Run};
 use serde::Serialize;
 
 /// How centres are found.
@@ -116,7 +115,7 @@ pub(super) fn over_faces(
     let (numbers, _) = run.stage("assign", "faces", n as u64, assign)?;
     labels::begin(work)?;
     let (labels, quality) = (labels.finish(false)?, quality.finish(false)?);
-    Ok(clustered(labels, None, quality, numbers))
+    Ok(Clustered::of_faces(labels, None, quality, numbers))
 }
 
 /// The contracted nodes of `whole` and their labels, with rows over the contraction.
@@ -131,9 +130,8 @@ pub(super) fn on_contraction(
     let l = params.landmarks_of(whole.graph.nodes.len());
     let rows = rows(&small.graph, &small.weighted, l, params, Context::new(&inner, run))?;
     let n = rows.nodes;
-    let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
     let (mut labels, mut quality) = (vec![0; n], vec![0.; n]);
-    let means = Means { embedding, fit };
+    let means = Means { embedding: params.embedding_or_default(), fit };
     let assign = || k_means(small.graph.nodes.view(), &rows, means, &mut labels, &mut quality, run);
     let (numbers, _) = run.stage("assign", "nodes", n as u64, assign)?;
     rows.release(&inner)?;
@@ -163,14 +161,5 @@ pub(super) fn contracted(
     let PartTotals { faces, area } = units.totals(graph, &labels, parts, true, context.run)?;
     let tiny_faces = surface.shares.tiny_nodes;
     let numbers = SegmentStats { faces, area, radius: surface.radius, tiny_faces, ..numbers };
-    Ok(clustered(labels, Some(boundary_nodes), quality, numbers))
-}
-
-fn clustered(
-    labels: MappedSlice<u32>,
-    boundary_nodes: Option<Vec<u32>>,
-    quality: MappedSlice<f32>,
-    numbers: SegmentStats,
-) -> Clustered {
-    Clustered { labels, boundary_nodes, quality, numbers, marks: PartMarks::default(), cell_labels: Vec::new() }
+    Ok(Clustered::of_faces(labels, Some(boundary_nodes), quality, numbers))
 }

@@ -141,6 +141,11 @@ impl SegmentParams {
         }
     }
 
+    /// How rows are embedded for K-means and 2-means: as requested, else by default.
+    pub(super) fn embedding_or_default(&self) -> EmbeddingParams {
+        self.embedding.unwrap_or_else(|| EmbeddingParams::for_parts(dimensions(self)))
+    }
+
     /// The number of landmarks for a mesh of `faces` faces: as requested, else a default.
     ///
     /// Rows over a contraction are cheap. There K-means has at least 60: on 38 models of the benchmark, subdivided to

@@ -60,7 +60,7 @@ pub fn segment_corrected(
             graph.release_lengths(context.work)?;
             let rows = rows(&graph, &weighted, params.landmarks_of(graph.nodes.len()), params, context)?;
             weighted.release(context.work)?;
-            let embedding = params.embedding.unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
+            let embedding = params.embedding_or_default();
             let clustered = means::over_faces(&graph, &rows, Means { embedding, fit }, context)?;
             rows.release(context.work)?;
             clustered
@@ -143,8 +143,7 @@ pub fn cluster(
             Some(rows) => {
                 context.run.progress.note_of_work(&format!("rows: {} of them", rows.len()));
                 let kept = || super::embed::params_over(&rows.key, context.work);
-                let embedding =
-                    params.embedding.or_else(kept).unwrap_or(EmbeddingParams::for_parts(dimensions(params)));
+                let embedding = params.embedding.or_else(kept).unwrap_or_else(|| params.embedding_or_default());
                 let embedding = EmbeddingParams { dimensions: dimensions(params), ..embedding };
                 means::over_faces(&graph, &rows, Means { embedding, fit }, context)?
             }
