@@ -404,7 +404,7 @@ fn hinted(
     }
     let new = match affinities.satisfy(&hints, label) {
         Ok((new, _)) => new,
-        Err(Conflict::Joined([a, b])) => {
+        Err(Conflict([a, b])) => {
             let number = of_edit[a].max(of_edit[b]).unwrap_or(0);
             let problem = if hints.groups[a].iter().any(|cell| hints.groups[b].contains(cell)) {
                 "two of its places are so close that they lie in one of the two thousand cells of the surface"

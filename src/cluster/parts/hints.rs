@@ -55,12 +55,9 @@ impl Hints {
     }
 }
 
-/// Why hints cannot be satisfied.
+/// Two groups that belong apart but have a cell in common, or are joined by other groups.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Conflict {
-    /// Two groups that belong apart have a cell in common, or are joined by other groups.
-    Joined([usize; 2]),
-}
+pub struct Conflict(pub [usize; 2]);
 
 /// How strongly cells belong together: the basis for dividing parts.
 #[derive(Clone, Copy, Debug)]
@@ -178,7 +175,7 @@ impl Affinities<'_> {
             }
         }
         if let Some(groups) = hints.joined(|group| sets.find(group)) {
-            return Err(Conflict::Joined(groups));
+            return Err(Conflict(groups));
         }
         // Seeds by part; the class of a seed is its group.
         let mut by_part: BTreeMap<u32, Vec<Seed>> = BTreeMap::new();
@@ -274,7 +271,7 @@ mod tests {
     #[test]
     fn contradictions_are_told() {
         let hints = Hints { groups: vec![vec![0, 5], vec![5], vec![9]], apart: vec![vec![2, 0], vec![0, 1]] };
-        assert_eq!(satisfy(&hints, &[0; 12]), Err(Conflict::Joined([0, 1])));
+        assert_eq!(satisfy(&hints, &[0; 12]), Err(Conflict([0, 1])));
     }
 
     #[test]
