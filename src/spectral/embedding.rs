@@ -20,13 +20,12 @@
 
 use super::affinity::{Degrees, KeptEigenpairs, landmark_affinities};
 use super::anchor::{BACKGROUND, RowProducts, nearest_shares};
-use super::eigen;
 use super::kernel::Kernel;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::random::{stratified, stream};
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::vector::axpy;
-use crate::base::{Error, Result};
+use crate::base::{Error, Result, eigen};
 use crate::distance::DistanceRows;
 use crate::store::Run;
 use nalgebra::DMatrix;

@@ -14,12 +14,12 @@
 //! per entry; 4 r bytes per vertex on disk.
 
 use super::kernel::Kernel;
+use super::laplacian;
 use super::nystrom::area_shares;
-use super::{eigen, laplacian};
-use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::vector::axpy;
+use crate::base::{Result, eigen};
 use crate::distance::local_rows::LocalRows;
 use crate::graph::{Node, VertexGraph};
 use crate::store::{Context, MappedSlice, Run};

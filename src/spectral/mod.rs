@@ -19,7 +19,6 @@ pub mod local;
 pub mod measures;
 pub mod nystrom;
 
-pub use crate::base::eigen;
 pub use embedding::{Embedding, EmbeddingParams, KernelWidth, Normalisation, SampledColumns};
 pub use kernel::Kernel;
 pub use nystrom::OrthogonalEmbedding;

@@ -4,11 +4,11 @@
 
 use nalgebra::DMatrix;
 use nystrom_stream::base::Result;
+use nystrom_stream::base::eigen;
 use nystrom_stream::base::parallel::{chunk_count, chunk_range};
 use nystrom_stream::distance::DistanceRows;
 use nystrom_stream::graph::Node;
 use nystrom_stream::spectral::Kernel;
-use nystrom_stream::spectral::eigen;
 use nystrom_stream::spectral::nystrom::Point;
 use nystrom_stream::store::Run;
 

@@ -6,14 +6,14 @@
 //! greatest variance over its faces relative to its variation along edges (Rayleigh–Ritz; edges within chunks of faces
 //! represent all). Cost: one or two passes over the rows; 12 B per vertex mapped.
 
-use crate::base::Result;
 use crate::base::sort::map_of;
+use crate::base::{Result, eigen};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
 use crate::graph::half_edge_pairs::OPPOSITE_WINDING;
 use crate::mesh::Mesh;
 use crate::spectral::embedding::KernelWidth;
-use crate::spectral::{Embedding, EmbeddingParams, Kernel, Normalisation, SampledColumns, eigen};
+use crate::spectral::{Embedding, EmbeddingParams, Kernel, Normalisation, SampledColumns};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, Run, WorkDir};
 use nalgebra::DMatrix;
