@@ -20,7 +20,7 @@ use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::part_totals::PartTotals;
 use crate::cluster::parts::cell_graph::joined_pieces;
 use crate::cluster::parts::hierarchy::TreeCut;
-use crate::cluster::parts::{self, PartCount, PartTree, PartsParams, PartsResult};
+use crate::cluster::parts::{self, PartCount, PartDecision, PartTree, PartsParams, PartsResult};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::store::{Context, MappedSlice};
@@ -73,6 +73,34 @@ impl Located<'_> {
         let RefinedLabels { labels, .. } = boundary::refine(self.whole, cells, method, SEEN, self.context)?;
         look(&labels);
         Ok(())
+    }
+
+    /// `cut` with the corrections applied: a cut of the decision `all` on the cells of `surface`, for the options
+    /// `asked`. `walls` (S) have a label of their own, so no edit may be on them.
+    fn corrected(
+        &self,
+        surface: &PreparedSurface,
+        all: &PartDecision,
+        walls: Option<&[bool]>,
+        asked: (PartCount, f64),
+        cut: TreeCut,
+    ) -> Result<(TreeCut, PartMarks)> {
+        let cells = surface.cells()?;
+        let graph = cells.graph.cleaned()?;
+        let unit = |node: u32| self.units.map_or(node, |units| units[node as usize].into());
+        let on_cells = OnCells {
+            nodes: self.nodes,
+            order: self.order,
+            cell: &|node| cells.of_node[unit(node) as usize].into(),
+            seen: &|label, look| self.seen(&cells.of_node, label, look),
+            affinities: all.affinities(&graph),
+            tree: &all.tree,
+        };
+        let corrections = self.requests.corrections;
+        if let Some(walls) = walls {
+            corrections.refuse_own(self.nodes, "walls", |node| walls[(on_cells.cell)(node) as usize])?;
+        }
+        corrections.apply(on_cells, asked, cut)
     }
 }
 
@@ -216,7 +244,7 @@ fn decide_parts(
     }
 }
 
-/// Rows over all nodes of `graph` averaged over cells, and parts decided on these.
+/// Parts decided on the cells of `surface`: those of a mesh, or of its contraction.
 fn decide_on_mesh(
     surface: WeightedSurface<'_>,
     params: &SegmentParams,
@@ -236,34 +264,20 @@ fn decide_on_mesh(
     // More parts than cells are made later by dividing.
     let count = params.parts.count.at_most(all.tree.cells());
     let mut cut = all.tree.cut_for(count, params.parts.detail)?;
-    let is_beyond = params.parts.count.least() > all.tree.cells();
-    let walls = (params.walls == Walls::Own && all.is_wall.contains(&true)).then_some(&all.is_wall);
+    let least = params.parts.count.least();
+    let walls = (params.walls == Walls::Own && all.is_wall.contains(&true)).then_some(&all.is_wall[..]);
     if let Some(walls) = walls {
-        cut = beside_walls(&all.tree, walls, cut, params.parts.count.least())?;
+        cut = beside_walls(&all.tree, walls, cut, least)?;
     }
     let mut marks = PartMarks::default();
     // Parts joined by corrections keep an interior for each of their pieces.
     let before = (!corrections.is_empty()).then(|| cut.label.clone());
-    let unit_of_node = surface.surface.cells()?.of_node.clone();
     if !corrections.is_empty() {
-        if is_beyond {
+        if least > all.tree.cells() {
             let problem = "edits cannot be applied if more parts are requested than the surface has cells";
             return Err(Error::parameter("parts", problem, format!("request at most {}", all.tree.cells())));
         }
-        let graph = surface.surface.cells()?.graph.cleaned()?;
-        let unit = |node: u32| located.units.map_or(node, |units| units[node as usize].into());
-        let on_cells = OnCells {
-            nodes: located.nodes,
-            order: located.order,
-            cell: &|node| unit_of_node[unit(node) as usize].into(),
-            seen: &|label, look| located.seen(&unit_of_node, label, look),
-            affinities: all.affinities(&graph),
-            tree: &all.tree,
-        };
-        if let Some(walls) = walls {
-            corrections.refuse_own(located.nodes, "walls", |node| walls[(on_cells.cell)(node) as usize])?;
-        }
-        (cut, marks) = corrections.apply(on_cells, (count, params.parts.detail), cut)?;
+        (cut, marks) = located.corrected(surface.surface, &all, walls, (count, params.parts.detail), cut)?;
     }
     marks.corrected = !corrections.is_empty() || tree.is_some();
     marks.decision = decision_key(context.work);
@@ -275,22 +289,20 @@ fn decide_on_mesh(
     }
     let mut walls_label = None;
     if let Some(walls) = walls {
-        let kept = labels_beside(walls, &label);
-        let number: BTreeMap<u32, u32> = kept.iter().copied().zip(0..).collect();
-        let own = kept.len() as u32;
-        label.iter_mut().zip(walls).for_each(|(label, wall)| *label = if *wall { own } else { number[label] });
-        parts = kept.len() + 1;
+        let kept = label_walls(walls, &mut label);
+        (parts, walls_label) = (kept.len() + 1, Some(kept.len() as u32));
         marks = marks.of_parts(&kept);
-        walls_label = Some(own);
         // The expectation is about other parts.
         report.expected_agreement.clear();
     }
     let numbers = SegmentStats { decision: Some(report), walls_label, ..facts.numbers };
+    let cells = surface.surface.cells()?;
     let (pieces, further) = match before {
-        Some(before) => joined_pieces(&surface.surface.cells()?.graph.pairs, &label, &before, parts),
+        Some(before) => joined_pieces(&cells.graph.pairs, &label, &before, parts),
         None => (label.clone(), Vec::new()),
     };
-    let units = Units { of_node: unit_of_node, label: pieces, further, at_boundary: None, areas: None, confidence };
+    let of_node = cells.of_node.clone();
+    let units = Units { of_node, label: pieces, further, at_boundary: None, areas: None, confidence };
     Ok(Decided { cells: all.tree.cells(), parts, cell_labels: label, units, numbers, marks })
 }
 
@@ -298,6 +310,15 @@ fn decide_on_mesh(
 fn labels_beside(walls: &[bool], label: &[u32]) -> Vec<u32> {
     let all: BTreeSet<u32> = label.iter().zip(walls).filter(|(_, wall)| !**wall).map(|(label, _)| *label).collect();
     all.into_iter().collect()
+}
+
+/// Gives `walls` (S) the label after those of the other cells, which are renumbered; returns the old labels of these.
+fn label_walls(walls: &[bool], label: &mut [u32]) -> Vec<u32> {
+    let kept = labels_beside(walls, label);
+    let number: BTreeMap<u32, u32> = kept.iter().copied().zip(0..).collect();
+    let own = kept.len() as u32;
+    label.iter_mut().zip(walls).for_each(|(label, wall)| *label = if *wall { own } else { number[label] });
+    kept
 }
 
 /// `cut`, or a cut with `least` parts besides the `walls` (S) if some of its parts consist of walls only.
