@@ -71,7 +71,8 @@ fn rows(g: &CellGraph, l: usize) -> Vec<f64> {
 /// All answers, and the one that `params` asks for.
 fn parts(g: &CellGraph, b: &[f64], l: usize, params: &PartsParams, run: &Run) -> Result<(PartTree, PartsResult)> {
     let (decided, seconds) = parts::decide(g, b, l, params, run)?;
-    let answer = parts::cut(&decided, l, seconds, params)?;
+    let cut = decided.tree.cut_for(params.count, params.detail)?;
+    let answer = parts::describe(&decided, cut, l, seconds);
     Ok((decided.tree, answer))
 }
 

@@ -2,6 +2,7 @@
 //!
 //! A decision is stored once; each number of parts and each detail is another cut of its hierarchy. Cost: milliseconds.
 
+use super::PartCount;
 use super::agreement;
 use super::cell_graph::CellGraph;
 use super::ensemble::Superfaces;
@@ -10,7 +11,6 @@ use super::hints::Affinities;
 use super::interior::enclosed::Enclosed;
 use super::labelling::expected_disagreement;
 use super::matrix::Square;
-use super::{PartCount, PartsParams};
 use crate::base::Result;
 use serde::{Deserialize, Serialize};
 
@@ -109,14 +109,6 @@ impl PartTree {
             PartCount::Between(a, b) => self.cut_range(a, b, detail),
         }
     }
-}
-
-/// The answer of `decided` for `params`, given the number `l` of rows and the `seconds` it took. Milliseconds.
-///
-/// # Errors
-/// More parts than cells, or an empty range.
-pub fn cut(decided: &PartDecision, l: usize, seconds: f64, params: &PartsParams) -> Result<PartsResult> {
-    Ok(describe(decided, decided.tree.cut_for(params.count, params.detail)?, l, seconds))
 }
 
 /// The answer of `decided`, given the number `l` of rows and the `seconds` it took, with the parts of `cut`: a cut of

@@ -47,7 +47,7 @@ mod split;
 pub mod symmetry;
 pub mod thickness;
 
-pub use answer::{PartDecision, PartsReport, PartsResult, cut, describe};
+pub use answer::{PartDecision, PartsReport, PartsResult, describe};
 pub use cell_graph::CellGraph;
 pub use decide::decide;
 pub use ensemble::Superfaces;
@@ -87,7 +87,7 @@ pub enum PartCount {
     Between(usize, usize),
 }
 
-/// Options of [`decide`] and [`cut`].
+/// Options of [`decide`] and [`PartTree::cut_for`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartsParams {
     /// The method of deciding.
