@@ -103,10 +103,9 @@ impl<'a> Placed<'a> {
     fn compared(self, queries: &[&[f32]]) -> Vec<Neighbour> {
         let n = self.values.len() / self.stride.max(1);
         let mut best = vec![Neighbour { vertex: 0, square: f32::INFINITY }; queries.len()];
-        let mut found = Vec::with_capacity(queries.len());
         for first in (0..n).step_by(SLAB) {
-            found.clear();
-            self.targets(first as u32..(first + SLAB).min(n) as u32).nearest(queries, &mut found);
+            let targets = self.targets(first as u32..(first + SLAB).min(n) as u32);
+            let found = targets.nearest(queries.iter().copied());
             for ((best, query), &at) in best.iter_mut().zip(queries).zip(&found) {
                 let vertex = first as u32 + at;
                 let square = self.square(query, vertex);
@@ -147,8 +146,7 @@ fn starts(a: Placed<'_>, b: Placed<'_>, context: Context<'_>) -> Result<MappedSl
     let matched = |k: usize, (): &mut ()| {
         let here = &of_a[chunk_range(of_a.len(), SEEDED, k)];
         let queries: Vec<&[f32]> = here.iter().map(|&v| a.at(v)).collect();
-        let mut found = Vec::with_capacity(here.len());
-        targets.nearest(&queries, &mut found);
+        let found = targets.nearest(queries.iter().copied());
         let walk = |(query, &at): (&&[f32], &u32)| b.walk(query, of_b[at as usize], 1, 4 * MOST_FAILURES)[0].vertex;
         Ok(queries.iter().zip(&found).map(walk).collect::<Vec<u32>>())
     };

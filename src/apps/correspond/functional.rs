@@ -43,11 +43,16 @@ impl Points {
         &self.values[i * self.dimensions..(i + 1) * self.dimensions]
     }
 
+    /// All points in order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[f32]> {
+        self.values.chunks_exact(self.dimensions.max(1))
+    }
+
     /// The first `k` coordinates of each point.
     #[must_use]
     pub fn first(&self, k: usize) -> Self {
         let k = k.min(self.dimensions);
-        let values = self.values.chunks_exact(self.dimensions.max(1)).flat_map(|row| &row[..k]).copied().collect();
+        let values = self.iter().flat_map(|point| &point[..k]).copied().collect();
         Self { dimensions: k, values }
     }
 }
@@ -82,12 +87,15 @@ impl Targets {
     }
 
     /// For each of `queries` the nearest point, the first if several; 0 if there are no points.
-    pub fn nearest(&self, queries: &[&[f32]], out: &mut Vec<u32>) {
+    pub fn nearest<'a>(&self, queries: impl Iterator<Item = &'a [f32]>) -> Vec<u32> {
+        let queries: Vec<&[f32]> = queries.collect();
+        let mut out = Vec::with_capacity(queries.len());
         for group in queries.chunks(QUERIES) {
             let padded: [&[f32]; QUERIES] = std::array::from_fn(|q| group[q.min(group.len() - 1)]);
             let found = dispatch(Nearest { targets: self, queries: padded });
             out.extend_from_slice(&found[..group.len()]);
         }
+        out
     }
 }
 
@@ -141,13 +149,12 @@ impl SimdKernel for Nearest<'_> {
     }
 }
 
-/// Sums Σ x xᵀ over rows `x` of `a` (k × k), and Σ x yᵀ over pairs with rows `y` of `b` (k × m), row by row.
+/// Sums Σ x xᵀ over rows `x` of `a`, and Σ x yᵀ over pairs with rows `y` of `b` (k × k each), row by row.
 struct Products<'a> {
     a: &'a Points,
     b: &'a Points,
     pairs: &'a [(u32, u32)],
-    /// The counts k and m.
-    counts: [usize; 2],
+    k: usize,
 }
 
 impl SimdKernel for Products<'_> {
@@ -155,16 +162,16 @@ impl SimdKernel for Products<'_> {
 
     #[inline(always)]
     fn run(self) -> [Vec<f64>; 2] {
-        let [k, m] = self.counts;
-        let [mut square, mut mixed] = [vec![0f64; k * k], vec![0f64; k * m]];
-        let (mut x, mut y) = (vec![0f64; k], vec![0f64; m]);
+        let k = self.k;
+        let [mut square, mut mixed] = [vec![0f64; k * k], vec![0f64; k * k]];
+        let (mut x, mut y) = (vec![0f64; k], vec![0f64; k]);
         for &(i, j) in self.pairs {
             x.iter_mut().zip(self.a.at(i as usize)).for_each(|(x, &from)| *x = f64::from(from));
             y.iter_mut().zip(self.b.at(j as usize)).for_each(|(y, &from)| *y = f64::from(from));
-            let (x, y) = (&x[..k], &y[..m]);
+            let (x, y) = (&x[..k], &y[..k]);
             for (r, &scale) in x.iter().enumerate() {
                 axpy(&mut square[r * k..][..k], scale, x);
-                axpy(&mut mixed[r * m..][..m], scale, y);
+                axpy(&mut mixed[r * k..][..k], scale, y);
             }
         }
         [square, mixed]
@@ -183,22 +190,14 @@ impl SimdKernel for Products<'_> {
 /// assert!((map[(1, 0)] + 1.).abs() < 1e-4 && (map[(0, 1)] - 1.).abs() < 1e-4 && map[(0, 0)].abs() < 1e-4);
 /// ```
 pub fn fit(a: &Points, b: &Points, pairs: &[(u32, u32)], k: usize) -> DMatrix<f64> {
-    fit_between(a, b, pairs, [k, k])
-}
-
-/// The same from the first k functions of A to the first m of B: m × k.
-fn fit_between(a: &Points, b: &Points, pairs: &[(u32, u32)], counts: [usize; 2]) -> DMatrix<f64> {
-    let [k, m] = counts;
-    let [square, mixed] = dispatch(Products { a, b, pairs, counts });
-    let mut square = DMatrix::from_row_slice(k, k, &square);
-    let mixed = DMatrix::from_row_slice(k, m, &mixed);
+    let [mut square, mixed] = dispatch(Products { a, b, pairs, k }).map(|sums| DMatrix::from_row_slice(k, k, &sums));
     let ridge = 1e-6 * square.trace() / k.max(1) as f64;
     for i in 0..k {
         square[(i, i)] += ridge.max(1e-300);
     }
     match nalgebra::Cholesky::new(square) {
         Some(factor) => factor.solve(&mixed).transpose(),
-        None => DMatrix::identity(m, k),
+        None => DMatrix::identity(k, k),
     }
 }
 
@@ -266,9 +265,8 @@ mod tests {
     fn the_nearest_of_blocks_is_the_nearest_of_all() {
         for (n, k) in [(1, 3), (15, 1), (16, 7), (333, 20)] {
             let (targets, queries) = (random(n, k, 1), random(41, k, 2));
-            let search = Targets::new((0..n).map(|i| targets.at(i)), k);
-            let mut found = Vec::new();
-            search.nearest(&(0..41).map(|i| queries.at(i)).collect::<Vec<_>>(), &mut found);
+            let found = Targets::new(targets.iter(), k).nearest(queries.iter());
+            assert_eq!(found.len(), 41);
             for (q, &one) in found.iter().enumerate() {
                 let square = |i: usize| -> f64 {
                     queries.at(q).iter().zip(targets.at(i)).map(|(x, y)| f64::from(x - y).powi(2)).sum()

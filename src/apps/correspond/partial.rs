@@ -353,7 +353,8 @@ impl Sampled<'_> {
             self.chosen[s].iter().map(|&v| kept.iter().map(|one| unit * row(one)[v as usize]).collect()).collect()
         };
         let (of_part, of_whole) = (points(0), points(1));
-        nearest(of_part.iter().map(Vec::as_slice), of_whole.iter().map(Vec::as_slice), kept.len())
+        let targets = Targets::new(of_whole.iter().map(Vec::as_slice), kept.len());
+        targets.nearest(of_part.iter().map(Vec::as_slice))
     }
 
     /// Evaluates an assignment by the matches that follow from distances to anchors.
@@ -406,17 +407,6 @@ impl Sampled<'_> {
         };
         (0..some.len()).map(near).collect()
     }
-}
-
-fn nearest<'a>(
-    queries: impl Iterator<Item = &'a [f32]>,
-    targets: impl ExactSizeIterator<Item = &'a [f32]>,
-    dimensions: usize,
-) -> Vec<u32> {
-    let targets = Targets::new(targets, dimensions);
-    let mut found = Vec::new();
-    targets.nearest(&queries.collect::<Vec<_>>(), &mut found);
-    found
 }
 
 /// Maps of `part` (rows from anchors) to `whole` (rows from candidates), likeliest first.

@@ -214,9 +214,7 @@ impl Samples {
     fn matched(&self, c: &DMatrix<f64>) -> Vec<u32> {
         let [a, b] = &self.functions;
         let b_in_a = ToA::new(c).apply_all(b);
-        let targets = Targets::new((0..b.len()).map(|i| b_in_a.at(i)), c.nrows());
-        let mut found = Vec::with_capacity(a.len());
-        targets.nearest(&(0..a.len()).map(|i| a.at(i)).collect::<Vec<_>>(), &mut found);
+        let mut found = Targets::new(b_in_a.iter(), c.nrows()).nearest(a.iter());
         self.fix(&mut found);
         found
     }
@@ -225,8 +223,7 @@ impl Samples {
     fn nearest(&self, of_a: &[Vec<f32>], of_b: &[Vec<f32>]) -> Vec<u32> {
         let dimensions = of_b.first().map_or(0, Vec::len);
         let targets = Targets::new(of_b.iter().map(Vec::as_slice), dimensions);
-        let mut found = Vec::with_capacity(of_a.len());
-        targets.nearest(&of_a.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut found);
+        let mut found = targets.nearest(of_a.iter().map(Vec::as_slice));
         self.fix(&mut found);
         found
     }
@@ -267,15 +264,10 @@ impl Samples {
         let k = c.nrows();
         let to_a = ToA::new(&c);
         let b_in_a = to_a.apply_all(b);
-        let in_b = Targets::new((0..b.len()).map(|i| b_in_a.at(i)), k);
-        let in_a = Targets::new((0..a.len()).map(|i| a.at(i)), k);
-        let nearest = |targets: &Targets, points: &Points| {
-            let mut found = Vec::new();
-            targets.nearest(&(0..points.len()).map(|i| points.at(i)).collect::<Vec<_>>(), &mut found);
-            found
-        };
+        let in_b = Targets::new(b_in_a.iter(), k);
+        let in_a = Targets::new(a.iter(), k);
         let square = |x: &[f32], y: &[f32]| x.iter().zip(y).map(|(x, y)| f64::from(x - y).powi(2)).sum::<f64>();
-        let (there, back) = (nearest(&in_b, a), nearest(&in_a, &b_in_a));
+        let (there, back) = (in_b.nearest(a.iter()), in_a.nearest(b_in_a.iter()));
         let one_way = |found: &[u32], from: &Points, to: &Points| {
             let squares = found.iter().enumerate().map(|(i, &j)| square(from.at(i), to.at(j as usize)));
             squares.sum::<f64>() / (found.len() * k).max(1) as f64
@@ -286,8 +278,8 @@ impl Samples {
         let coverage = hit.iter().filter(|&&hit| hit).count() as f64 / b.len().max(1) as f64;
         // The images of landmarks of either mesh on the other.
         let [of_a, of_b] = &self.landmarks;
-        let to_b = nearest(&in_b, of_a);
-        let to_a = nearest(&in_a, &to_a.apply_all(of_b));
+        let to_b = in_b.nearest(of_a.iter());
+        let to_a = in_a.nearest(to_a.apply_all(of_b).iter());
         let [rows_a, rows_b] = sides.map(|side| side.rows);
         let mut sum = 0f64;
         for (i, &image_b) in to_b.iter().enumerate() {
