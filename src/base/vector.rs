@@ -147,6 +147,32 @@ pub fn axpy<T: Copy + AddAssign + Mul<Output = T>>(y: &mut [T], a: T, x: &[T]) {
     }
 }
 
+/// Parallel sums of an [`inner_product`].
+const LANES: usize = 8;
+
+/// a · b of vectors of equal length, accumulated in parallel sums that are added up at the end: the same bits on all
+/// processors.
+#[inline(always)]
+pub fn inner_product(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.; LANES];
+    let ((xs, x_rest), (ys, y_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    for k in 0..xs.len() {
+        add_products(&mut lanes, &xs[k], &ys[k]);
+    }
+    let mut rest = 0.;
+    for k in 0..x_rest.len() {
+        rest += x_rest[k] * y_rest[k];
+    }
+    lanes.iter().sum::<f64>() + rest
+}
+
+#[inline(always)]
+fn add_products(sums: &mut [f64; LANES], x: &[f64; LANES], y: &[f64; LANES]) {
+    for k in 0..LANES {
+        sums[k] += x[k] * y[k];
+    }
+}
+
 /// |a − b|² of high-dimensional points, accumulated in `LANES` parallel sums that are added up at the end.
 #[inline(always)]
 pub fn square_apart<const LANES: usize>(a: &[f32], b: &[f32]) -> f32 {

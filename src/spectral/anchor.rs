@@ -14,7 +14,7 @@
 use super::exp::exp64;
 use crate::base::eigen;
 use crate::base::simd::{SimdKernel, dispatch};
-use crate::base::vector::axpy;
+use crate::base::vector::{axpy, inner_product as dot};
 use nalgebra::DMatrix;
 
 /// Share of the mean affinity that every landmark contributes to every cell, so that far cells still have a
@@ -22,7 +22,7 @@ use nalgebra::DMatrix;
 pub(super) const BACKGROUND: f64 = 0.01;
 /// Minimum share of the area that a landmark represents.
 const ANCHOR_FLOOR: f64 = 1e-4;
-/// Lanes of the hand-blocked inner products.
+/// Points that [`project`] handles at a time.
 const LANES: usize = 8;
 
 /// The distances of `points` points from `count` landmarks, row-major, finite and ≥ 0.
@@ -276,18 +276,6 @@ fn gram(rows: &[f64], l: usize, n: usize) -> DMatrix<f64> {
     gram
 }
 
-#[inline(always)]
-fn add_product(sum: &mut [f64; LANES], x: &[f64; LANES], y: &[f64; LANES]) {
-    for k in 0..LANES {
-        sum[k] += x[k] * y[k];
-    }
-}
-
-#[inline(always)]
-fn sum_of(lanes: [f64; LANES]) -> f64 {
-    lanes.iter().sum()
-}
-
 /// Coordinates that [`project`] sums at a time.
 const COORDINATES_AT_ONCE: usize = 4;
 
@@ -337,21 +325,6 @@ fn project(phi: &[f64], q: &[f64], l: usize, n: usize, width: usize) -> AnchorEm
         }
     }
     AnchorEmbedding { values, width }
-}
-
-/// An inner product with a fixed order of additions that vectorises.
-#[inline(always)]
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut lanes = [0.0; LANES];
-    let ((xs, x_rest), (ys, y_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
-    for k in 0..xs.len() {
-        add_product(&mut lanes, &xs[k], &ys[k]);
-    }
-    let mut rest = 0.;
-    for k in 0..x_rest.len() {
-        rest += x_rest[k] * y_rest[k];
-    }
-    sum_of(lanes) + rest
 }
 
 #[cfg(test)]

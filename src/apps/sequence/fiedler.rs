@@ -13,6 +13,7 @@
 
 use crate::base::random::{stream, unit};
 use crate::base::sort::order_by;
+use crate::base::vector::inner_product as dot;
 use crate::base::{Cancel, Result};
 use crate::graph::VertexAdjacency;
 use crate::store::npy::ArrayMut;
@@ -33,18 +34,6 @@ struct Laplacian<'a> {
     /// Where each row starts.
     start: Vec<usize>,
     factor: Vec<f64>,
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut lanes = [0f64; 8];
-    let (left, right) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = left.remainder().iter().zip(right.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in left.zip(right) {
-        for k in 0..8 {
-            lanes[k] += a[k] * b[k];
-        }
-    }
-    lanes.iter().sum::<f64>() + rest
 }
 
 /// Number of entries of the envelope of a graph whose vertices are numbered by their indices in `rows`.
