@@ -491,6 +491,15 @@ pub fn no_faces(path: &Path) -> Error {
     )
 }
 
+/// Rejects the array `name` of `items` items unless there is one for each of `faces` faces.
+pub(crate) fn one_per_face(name: &str, items: usize, faces: usize) -> Result<()> {
+    if items == faces {
+        return Ok(());
+    }
+    let problem = format!("{items} values for {faces} faces");
+    Err(Error::parameter(name, problem, "give one for every face of the mesh"))
+}
+
 /// The error for a mesh with more vertices than can be numbered.
 pub(super) fn too_many_vertices(path: &Path) -> Error {
     Error::unusable(path, "has more than 2^32 vertices", "cut it into several meshes")

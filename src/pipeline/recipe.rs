@@ -18,6 +18,7 @@ use crate::cluster::parts::{PartTree, PartsParams};
 use crate::distance::DistanceRows;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::mesh::Mesh;
+use crate::mesh::geometry::one_per_face;
 use crate::spectral::EmbeddingParams;
 use crate::store::manifest::MANIFEST;
 use crate::store::{Context, WorkDir};
@@ -76,13 +77,7 @@ fn check_corrections(params: &SegmentParams, corrections: Corrections<'_>, faces
         let given = if corrections.painted.is_some() { "hints" } else { "edits" };
         return Err(Error::parameter(given, format!("{given} need the hierarchy of parts"), "use `cluster` parts"));
     }
-    match corrections.painted {
-        Some(painted) if painted.len() != faces => {
-            let problem = format!("{} values for {faces} faces", painted.len());
-            Err(Error::parameter("hints", problem, "give one for every face of the mesh"))
-        }
-        _ => Ok(()),
-    }
+    one_per_face("hints", corrections.painted.map_or(faces, <[u32]>::len), faces)
 }
 
 /// Eigenvalues kept by a work directory.

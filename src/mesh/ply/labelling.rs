@@ -7,7 +7,7 @@ use super::header::{Encoding, Scalar};
 use super::names;
 use super::values::Encoder;
 use crate::base::{Error, Result};
-use crate::mesh::geometry::Mesh;
+use crate::mesh::geometry::{Mesh, one_per_face};
 use crate::mesh::split_faces::FaceSplit;
 
 /// The encoding of a labelled file.
@@ -102,14 +102,8 @@ impl Labelling<'_> {
 
     /// Rejects labels and qualities unless there is one for each of `faces` faces.
     pub(crate) fn fit(&self, faces: usize) -> Result<()> {
-        let quality = self.quality.map_or(faces, <[f32]>::len);
-        match [("labels", self.labels.len()), ("quality", quality)].into_iter().find(|&(_, count)| count != faces) {
-            Some((name, count)) => {
-                let problem = format!("{count} values for {faces} faces");
-                Err(Error::parameter(name, problem, "give one for every face of the mesh"))
-            }
-            None => Ok(()),
-        }
+        one_per_face("labels", self.labels.len(), faces)?;
+        one_per_face("quality", self.quality.map_or(faces, <[f32]>::len), faces)
     }
 
     /// Rejects labels that a PLY cannot hold: those of faces are an `int`, which every reader knows; those of vertices

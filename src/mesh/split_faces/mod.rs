@@ -13,8 +13,8 @@ mod curves;
 mod pieces;
 mod strip;
 
-use crate::base::{Error, Result};
-use crate::mesh::geometry::{Mesh, too_many_vertices};
+use crate::base::Result;
+use crate::mesh::geometry::{Mesh, one_per_face, too_many_vertices};
 use crate::store::Run;
 use crate::store::budget::Grant;
 use curves::{Curves, meeting, mixed};
@@ -83,15 +83,6 @@ pub struct SplitMesh {
     _grant: Grant,
 }
 
-/// Rejects an array `name` that has not one item per face.
-fn one_per_face(name: &str, items: usize, mesh: &Mesh) -> Result<()> {
-    if items == mesh.faces.len() {
-        return Ok(());
-    }
-    let problem = format!("{items} values for {} faces", mesh.faces.len());
-    Err(Error::parameter(name, problem, "give one for every face of the mesh"))
-}
-
 impl FaceSplit {
     /// Splits the faces of `mesh`, which have `labels` (n).
     ///
@@ -99,7 +90,7 @@ impl FaceSplit {
     /// [`Error::Parameter`] for labels that do not match the faces, [`Error::Memory`], [`Error::Cancelled`], and
     /// [`Error::Unusable`] where there would be more vertices than can be numbered.
     pub fn of(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Self> {
-        one_per_face("labels", labels.len(), mesh)?;
+        one_per_face("labels", labels.len(), mesh.faces.len())?;
         let strip = Strip::of(mesh, labels, run)?;
         let curves = Curves::of(&strip, &run.cancel)?;
         let mut split = Self { vertices: Vec::new(), pieces: Vec::new(), polygons: 0, first: mesh.positions.len() };
@@ -162,8 +153,8 @@ impl FaceSplit {
     /// # Errors
     /// [`Error::Parameter`] for labels or qualities that do not match the faces; [`Error::Memory`], as all is held.
     pub fn applied(&self, mesh: &Mesh, labels: &[u32], quality: Option<&[f32]>, run: &Run) -> Result<SplitMesh> {
-        one_per_face("labels", labels.len(), mesh)?;
-        quality.map_or(Ok(()), |quality| one_per_face("quality", quality.len(), mesh))?;
+        one_per_face("labels", labels.len(), mesh.faces.len())?;
+        quality.map_or(Ok(()), |quality| one_per_face("quality", quality.len(), mesh.faces.len()))?;
         let extra = 3 * (self.face_count(labels.len()) - labels.len());
         let corners = mesh.faces.corner_count() + extra;
         let bytes = 24 * self.vertex_count() as u64 + 16 * (self.face_count(labels.len()) as u64) + 4 * corners as u64;
