@@ -1,10 +1,10 @@
 //! Maximum flow, and the minimum cut that it ends at.
 //!
-//! Dinic's algorithm (1970), in whole numbers, with levels counted from the sink: no path of a phase leads astray
-//! before arcs are full, and paths of all lengths are filled in one phase. The nodes that the source still reaches are
-//! the same whatever the order of the paths, so cuts are repeatable. Own code, since crates for maximum flow take
-//! adjacency matrices or maps. It cuts bands along boundaries ([`super::shorten`]) and the inside of a surface
-//! ([`super::parts`]).
+//! Dinic's algorithm (1970) on integers. Levels are counted from the sink: until an arc is full, every path along
+//! descending levels reaches the sink, and one phase augments paths of all lengths. The nodes that the source reaches
+//! in the residual graph are the same whatever the order of the paths, so cuts are repeatable. This is our own code
+//! because crates for maximum flow take adjacency matrices or maps. It cuts bands along boundaries
+//! ([`super::shorten`]) and the inside of a surface ([`super::parts`]).
 //!
 //! Cost: 32 bytes per node and 16 per arc; passes over both, tens of them in narrow bands.
 
@@ -12,12 +12,13 @@ use crate::base::{Cancel, Result};
 
 const NONE: u32 = u32::MAX;
 
-/// Where an arc leads, the position of its twin, which leads back, in the list of all arcs, and what may still flow.
+/// An arc: the node it leads to, the position of its twin, which leads back, in the list of all arcs, and its residual
+/// capacity.
 #[derive(Clone, Copy, Debug)]
 struct Arc {
     to: u32,
     twin: u32,
-    left: i64,
+    residual: i64,
 }
 
 /// A flow from a source to a sink through m nodes.
@@ -26,20 +27,20 @@ pub struct MaxFlow {
     /// First arc of each node (m + 1).
     start: Vec<u32>,
     arcs: Vec<Arc>,
-    /// What may still flow from the source into each node.
+    /// Residual capacity from the source into each node.
     source: Vec<i64>,
-    /// What may still flow from each node into the sink.
+    /// Residual capacity from each node into the sink.
     sink: Vec<i64>,
-    /// Arcs to the sink, by the last search; [`NONE`] where nothing can flow there. In the end, arcs from the source.
+    /// Number of arcs to the sink in the last search, [`NONE`] if it is out of reach; in the end, from the source.
     level: Vec<u32>,
 }
 
 impl MaxFlow {
-    /// What can flow from the source into each node, and from it into the sink (m); the first arc of each node (m + 1),
-    /// and all arcs: where they lead, and how much flows along them at the most. Each arc has one that leads back.
+    /// The capacities from the source into each node and from each node into the sink (m), the first arc of each node
+    /// (m + 1), and all arcs: the node that each leads to, and its capacity. An arc without a twin carries nothing.
     pub fn new(source: Vec<i64>, sink: Vec<i64>, start: Vec<u32>, arcs: &[(u32, i64)]) -> Self {
         let m = source.len();
-        let arcs = arcs.iter().map(|&(to, left)| Arc { to, twin: NONE, left }).collect();
+        let arcs = arcs.iter().map(|&(to, residual)| Arc { to, twin: NONE, residual }).collect();
         let mut flow = Self { start, arcs, source, sink, level: vec![NONE; m] };
         // Parallel arcs come in the same order from both sides.
         for k in 0..m {
@@ -55,7 +56,7 @@ impl MaxFlow {
                 if let Some(back) = flow.arcs_of(to as usize).find(free) {
                     (flow.arcs[arc].twin, flow.arcs[back].twin) = (back as u32, arc as u32);
                 } else {
-                    flow.arcs[arc].left = 0;
+                    flow.arcs[arc].residual = 0;
                 }
             }
         }
@@ -77,7 +78,7 @@ impl MaxFlow {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn run(&mut self, cancel: &Cancel) -> Result<()> {
-        // What flows through one node alone.
+        // Paths through a single node.
         for (source, sink) in self.source.iter_mut().zip(&mut self.sink) {
             let through = (*source).min(*sink);
             *source -= through;
@@ -97,18 +98,20 @@ impl MaxFlow {
         Ok(())
     }
 
-    /// Levels by breadth from the nodes that reach the sink; whether the source reaches one of them.
+    /// Levels by breadth-first search from the sink; returns whether the source reaches it.
     fn search_from_sink(&mut self, queue: &mut Vec<u32>) -> bool {
-        let reached = self.search(queue, |flow, k| flow.sink[k] > 0, |flow, arc| flow.arcs[arc.twin as usize].left > 0);
+        let reached =
+            self.search(queue, |flow, k| flow.sink[k] > 0, |flow, arc| flow.arcs[arc.twin as usize].residual > 0);
         reached.iter().any(|&node| self.source[node as usize] > 0)
     }
 
-    /// Levels by breadth from the nodes that the source still reaches.
+    /// Levels by breadth-first search from the source.
     fn search_from_source(&mut self, queue: &mut Vec<u32>) {
-        self.search(queue, |flow, k| flow.source[k] > 0, |_, arc| arc.left > 0);
+        self.search(queue, |flow, k| flow.source[k] > 0, |_, arc| arc.residual > 0);
     }
 
-    /// Levels by breadth from the nodes that are `first`, along the arcs that are `open`; the nodes that are reached.
+    /// Levels by breadth-first search from the nodes that are `first`, along the arcs that are `open`; returns the nodes
+    /// that are reached.
     fn search<'q>(
         &mut self,
         queue: &'q mut Vec<u32>,
@@ -137,27 +140,27 @@ impl MaxFlow {
         queue
     }
 
-    /// Pushes from `root` to the sink until the source is empty there or no path is left.
+    /// Augments paths from `root` to the sink until nothing more can flow into it from the source, or no path is left.
     fn push(&mut self, root: usize, next: &mut [u32], path: &mut Vec<u32>) {
         path.clear();
         let mut node = root;
         loop {
             if self.sink[node] > 0 {
-                let least = path.iter().map(|&arc| self.arcs[arc as usize].left).min().unwrap_or(i64::MAX);
-                let much = least.min(self.source[root]).min(self.sink[node]);
-                self.source[root] -= much;
-                self.sink[node] -= much;
+                let least = path.iter().map(|&arc| self.arcs[arc as usize].residual).min().unwrap_or(i64::MAX);
+                let amount = least.min(self.source[root]).min(self.sink[node]);
+                self.source[root] -= amount;
+                self.sink[node] -= amount;
                 for &arc in &*path {
                     let arc = &mut self.arcs[arc as usize];
-                    arc.left -= much;
+                    arc.residual -= amount;
                     let twin = arc.twin as usize;
-                    self.arcs[twin].left += much;
+                    self.arcs[twin].residual += amount;
                 }
                 if self.source[root] == 0 {
                     return;
                 }
-                // On from before the first arc that is full.
-                if let Some(full) = path.iter().position(|&arc| self.arcs[arc as usize].left == 0) {
+                // Continue before the first arc that is full.
+                if let Some(full) = path.iter().position(|&arc| self.arcs[arc as usize].residual == 0) {
                     node = self.tail(path[full]);
                     path.truncate(full);
                     continue;
@@ -165,8 +168,8 @@ impl MaxFlow {
             }
             let end = self.start[node + 1];
             let open = (next[node]..end).find(|&arc| {
-                let Arc { to, left, .. } = self.arcs[arc as usize];
-                left > 0 && self.level[to as usize] != NONE && self.level[to as usize] + 1 == self.level[node]
+                let Arc { to, residual, .. } = self.arcs[arc as usize];
+                residual > 0 && self.level[to as usize] != NONE && self.level[to as usize] + 1 == self.level[node]
             });
             next[node] = open.unwrap_or(end);
             match open {
@@ -175,7 +178,7 @@ impl MaxFlow {
                     node = self.arcs[arc as usize].to as usize;
                 }
                 None => {
-                    // A dead end: back, and past the arc that led here.
+                    // A dead end: go back, and skip the arc that led here.
                     let Some(arc) = path.pop() else { return };
                     node = self.tail(arc);
                     next[node] += 1;
