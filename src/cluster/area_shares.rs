@@ -21,9 +21,9 @@ use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, Run};
 use std::ops::Range;
 
-/// Components below this share of the area are tiny …
+/// Share of the area below which a component is tiny, if it is also far smaller than the largest.
 pub const TINY: f64 = 0.005;
-/// … if they are also below this share of the largest.
+/// Share of the area of the largest component below which another may be tiny.
 const BESIDE_LARGEST: f64 = 0.1;
 /// Minimum share of a face, relative to the mean: no face counts for nothing.
 const FLOOR: f64 = 1e-4;

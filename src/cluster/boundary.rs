@@ -28,10 +28,10 @@ use std::ops::Range;
 
 /// Half the width of the narrow band around a boundary, which is labelled anew, in units of √(area).
 pub const BAND: f32 = 0.04;
-/// How far a boundary may be moved to be straight, in units of √(area); on a fine mesh by no more
-/// faces than the cuts reach.
+/// How far a boundary may be moved to be straight, in units of √(area); on a fine mesh, by no more faces than the cuts
+/// reach.
 const REACH: f32 = 0.015;
-/// … and in mean steps from face to face at least, on a coarse one.
+/// Minimum of that distance, in mean steps from face to face: it applies to coarse meshes.
 const LEAST_FACES: f32 = 2.;
 /// Share of a part's faces that at least keeps its label.
 const INTERIOR: f64 = 0.4;

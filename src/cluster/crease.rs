@@ -22,10 +22,11 @@ use bytemuck::{Pod, Zeroable};
 
 /// Faces from an edge's own to the farthest whose edges are looked at.
 const HOPS: usize = 4;
-/// Deviation of the Gaussian along an edge and across it, in mean lengths of the edges around.
+/// Standard deviation of the Gaussian along an edge, in mean lengths of the edges around.
 const ALONG: f32 = 2.;
+/// The same across the edge.
 const ACROSS: f32 = 0.6;
-/// Edges of a face beyond which neither it nor what lies behind it is looked at.
+/// Maximum number of edges of a face that is looked at, and beyond which other faces are.
 const MOST_EDGES: usize = 64;
 const CHUNK: usize = 1 << 10;
 

@@ -8,8 +8,8 @@ use std::ops::Range;
 
 const CHUNK: usize = 1 << 15;
 
-/// What `of` makes of the nodes with `own` in each chunk, one after another. Mostly they are few,
-/// and no other rows are read.
+/// Applies `of` to the nodes of each chunk for which `own` holds, and concatenates the results. Such nodes are few as a
+/// rule, and no other rows are read.
 ///
 /// # Errors
 /// [`crate::base::Error::Cancelled`].

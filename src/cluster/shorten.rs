@@ -27,7 +27,7 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 /// How far from a boundary, in faces, one cut may move it.
 pub const HOPS: usize = 8;
-/// Cuts of each boundary at the most.
+/// Maximum number of cuts of each boundary.
 pub const PASSES: usize = 2;
 /// The greatest weight of an edge is this many units.
 const UNITS: f64 = (1 << 20) as f64;
@@ -80,7 +80,7 @@ pub fn shorten(graph: BandGraph<'_>, labels: &mut [u32], context: Context<'_>) -
     Ok(())
 }
 
-/// What is cut at a time: two labels, the lesser first, and the piece of the band where they touch.
+/// What one cut works on: two labels, the lesser first, and the piece of the band where they touch.
 type Boundary = ([u32; 2], u32);
 
 /// Writes to `pieces` (m) the connected piece of the band that each position lies in: its least position.

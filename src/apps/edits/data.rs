@@ -138,7 +138,7 @@ impl Edit {
         }
     }
 
-    /// Whether it changes no part, only a name, a colour or protection.
+    /// Whether it leaves the extent of all parts as it is: names, colours, drops or protects one.
     pub fn is_mark(&self) -> bool {
         matches!(self, Self::Name { .. } | Self::Colour { .. } | Self::Drop { .. } | Self::Protect { .. })
     }

@@ -9,6 +9,7 @@
 
 use super::cell_graph::CellGraph;
 use crate::base::vector::dot;
+use libm::log as ln;
 
 /// Ratio of the area to that of a sphere of the same mean width above which a surface counts as folded. The 190 models
 /// of the benchmark have at most 1.5, a hemisphere of a brain 2.1, whole brains 3.1 to 3.4, a head with all that is
@@ -38,7 +39,6 @@ const DIRECTIONS: [([f64; 3], f64); 13] = {
         ([1.0, -1.0, -1.0], CORNER),
     ]
 };
-use libm::log as ln;
 
 /// The natural logarithm of the folding φ of a surface: 0 if it is not folded. In units of √(area), lengths of the
 /// shape are too small by √φ, and boundaries along folds too long by √φ: by φ relative to the shape.

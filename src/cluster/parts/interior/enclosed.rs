@@ -23,13 +23,14 @@ use crate::cluster::parts::thickness::first_hits;
 use crate::store::run::Run;
 use serde::{Deserialize, Serialize};
 
-/// Cells with less exposure than the first are dark, those below the second are hidden.
+/// Exposure below which a cell is dark.
 const DARK: f64 = 0.05;
+/// Exposure below which a cell is hidden.
 const HIDDEN: f64 = 0.4;
-/// Something is enclosed if at least this share of the area is dark, and at least as much is not hidden,
+/// Something is enclosed only if at least this share of the area is dark, and at least as much is not hidden.
 const LEAST_SHARE: f64 = 0.1;
-/// and if the hidden area is at most this many times the dark area. Bodies with an inside have 1.01 to 1.07, cortices
-/// and brains 1.27 and 1.41, the one vase of the benchmark that is dark within 1.23.
+/// Maximum ratio of the hidden area to the dark area if something is enclosed. Bodies with an inside have 1.01 to 1.07,
+/// cortices and brains 1.27 and 1.41, the one vase of the benchmark that is dark within 1.23.
 const MOST_HIDDEN_PER_DARK: f64 = 1.15;
 /// Probability that a walk continues after each step; from .8 to .95 the same bodies are found.
 const CONTINUATION: f64 = 0.9;

@@ -29,7 +29,7 @@ const ENOUGH: usize = 20;
 const STAYS: (f32, f32) = (0.15, 0.6);
 /// Number of maps examined, and of those refined on all cells.
 const EXAMINED: [usize; 2] = [8, 2];
-/// Two maps are the same if all but this share (second) of the area is mapped to within this length (first) of each
+/// Two maps are the same if all but this share (first) of the area is mapped to within this length (second) of each
 /// other.
 const SAME: (f32, f32) = (0.15, 0.1);
 /// Maximum number of tips of which half must move in a refitted map.
