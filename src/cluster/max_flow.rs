@@ -110,8 +110,8 @@ impl MaxFlow {
         self.search(queue, |flow, k| flow.source[k] > 0, |_, arc| arc.residual > 0);
     }
 
-    /// Levels by breadth-first search from the nodes that are `first`, along the arcs that are `open`; returns the nodes
-    /// that are reached.
+    /// Levels by breadth-first search from the nodes that are `first`, along the arcs that are `open`; returns the
+    /// nodes that are reached.
     fn search<'q>(
         &mut self,
         queue: &'q mut Vec<u32>,

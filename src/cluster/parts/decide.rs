@@ -23,7 +23,8 @@ use crate::store::run::Run;
 
 /// Decides on the parts of a surface of S cells, given the mean distances of its cells from `l` landmarks: `rows`,
 /// row-major l × S, infinite if not reached. Returns a decision with all answers at once, and the seconds that it took:
-/// the number of parts and the detail in `params` are ignored. [`super::PartTree::cut_for`] extracts one of the answers.
+/// the number of parts and the detail in `params` are ignored. [`super::PartTree::cut_for`] extracts one of the
+/// answers.
 ///
 /// ```
 /// use nystrom_stream::cluster::parts::{CellGraph, PartsParams, decide};

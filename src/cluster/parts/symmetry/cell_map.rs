@@ -29,8 +29,8 @@ const TURNED: f64 = -0.7;
 const TRUNK_TURNED: f64 = -0.8;
 /// Minimum correlation between the convexity of cells and of their images.
 const SHAPE: f64 = 0.4;
-/// Distance, in units of √(total area), farther than which smooth maps, also refitted ones, must move a certain share of
-/// the area: swapping front and back moves less.
+/// Distance, in units of √(total area), farther than which smooth maps, also refitted ones, must move a certain share
+/// of the area: swapping front and back moves less.
 const FAR: f64 = 0.15;
 /// What smooth maps must fulfil.
 const EVEN: Bounds = Bounds { dissimilarity: 1.15, back: BACK, moved: 0.42, shape: SHAPE, thickness: 0.3 };
