@@ -1,6 +1,6 @@
 //! `info` and `plan` of mesh files: what a header promises, and what is said of files without faces.
 
-use crate::common::{errors, in_memory, ok, refused, run, word};
+use crate::common::{errors, in_memory, json, ok, refused, run, word};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -38,6 +38,32 @@ fn info_of_another_format_tells_its_counts() {
     let output = run(&["info", word(&mesh)]);
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success() && text.contains("1 face, 4 vertices") && !text.contains("PLY"), "{text}");
+}
+
+/// Regression: the slit from the rim of a polygon to the hole in it counted as two open edges, so that this frame had no
+/// volume.
+#[test]
+fn a_slit_in_a_face_is_not_open() {
+    let dir = in_memory();
+    let square = |low: i32, high: i32, z: i32| {
+        format!("v {low} {low} {z}\nv {high} {low} {z}\nv {high} {high} {z}\nv {low} {high} {z}\n")
+    };
+    let points = [square(0, 3, 0), square(1, 2, 0), square(0, 3, 1), square(1, 2, 1)].concat();
+    let caps = "f 9 10 11 12 9 13 16 15 14 13\nf 1 5 6 7 8 5 1 4 3 2\n";
+    let outside = "f 1 2 10 9\nf 2 3 11 10\nf 3 4 12 11\nf 4 1 9 12\n";
+    let inside = ["f 6 5 13 14\n", "f 7 6 14 15\n", "f 8 7 15 16\n", "f 5 8 16 13\n"];
+    let measured = |walls: &[&str]| {
+        let mesh = write(dir.path(), "frame.obj", &[&points, caps, outside, &walls.concat()].concat());
+        json(&["info", "--json", word(&mesh)])
+    };
+    let frame = measured(&inside);
+    let of = |all: &serde_json::Value, name: &str| all["measures"][name].clone();
+    assert_eq!((of(&frame, "open_edges"), of(&frame, "boundary_loops")), (0.into(), 0.into()), "{frame}");
+    assert!((of(&frame, "volume").as_f64().unwrap() - 8.).abs() < 1e-12, "{frame}");
+    // Without a wall of the hole, its rim is open, and the slits are not.
+    let open = measured(&inside[1..]);
+    assert_eq!((of(&open, "open_edges"), of(&open, "boundary_loops")), (4.into(), 1.into()), "{open}");
+    assert!(of(&open, "volume").is_null(), "{open}");
 }
 
 /// It said that OFF is no PLY, and to convert it to OFF.

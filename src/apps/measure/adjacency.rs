@@ -112,7 +112,13 @@ impl Faces<'_> {
     }
 
     /// Passes to `look` each edge of `face` between `a` and `b`, as [`Faces::for_each_among`] does.
-    fn for_each_pass(&self, face: u32, [a, b]: [[u64; 3]; 2], long: &mut LongFaces, look: &mut dyn FnMut(u32, bool)) {
+    pub fn for_each_pass(
+        &self,
+        face: u32,
+        [a, b]: [[u64; 3]; 2],
+        long: &mut LongFaces,
+        look: &mut dyn FnMut(u32, bool),
+    ) {
         if self.is_long(face) {
             return self.for_each_among(long.own.entry(face).or_insert_with(|| self.edges_of([face])), [a, b], look);
         }

@@ -94,6 +94,16 @@ impl Faces<'_> {
                 }
                 match self.across(face, [a, b], &mut long) {
                     None => {
+                        // Where the face passes the edge again, it is a slit, as to a hole in a polygon.
+                        let (mut passes, mut surplus) = (0, 0i64);
+                        self.for_each_pass(face, [a, b], &mut long, &mut |_, along| {
+                            passes += 1;
+                            surplus += if along { 1 } else { -1 };
+                        });
+                        if passes > 1 {
+                            mine.clashes += u64::from(surplus != 0);
+                            continue;
+                        }
                         mine.open += 1;
                         if wants_open {
                             open.push([a, b]);
