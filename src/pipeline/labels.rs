@@ -21,7 +21,7 @@ use crate::mesh::Labelling;
 use crate::store::manifest::{MANIFEST, StageRecord};
 use crate::store::stage::{Stage, StageKey};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::json;
 use std::collections::BTreeMap;
 
@@ -117,6 +117,11 @@ impl Clustered {
     }
 }
 
+/// Reads a number that JSON cannot hold.
+fn infinite_if_null<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<f64, D::Error> {
+    Option::deserialize(from).map(|area| area.unwrap_or(f64::INFINITY))
+}
+
 /// A part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Part {
@@ -124,7 +129,8 @@ pub struct Part {
     pub label: u32,
     /// Its faces.
     pub faces: u64,
-    /// Its area, in the squared unit of the file.
+    /// Its area, in the squared unit of the file; infinite beyond the range of doubles, which JSON writes as `null`.
+    #[serde(deserialize_with = "infinite_if_null")]
     pub area: f64,
     /// Its colour.
     pub colour: [u8; 3],
@@ -174,7 +180,8 @@ impl SegmentedMesh {
             Part {
                 label: label as u32,
                 faces,
-                area: area * unit,
+                // A part without area has none in any unit.
+                area: if area > 0. { area * unit } else { 0. },
                 colour,
                 expected_agreement: agreement,
                 unsure: agreement.map(|share| share < UNSURE),

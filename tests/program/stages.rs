@@ -640,6 +640,18 @@ fn export_only_reads_the_work_directory() {
     assert!(scene.work.join("embedding.npy").exists());
 }
 
+/// Regression: areas beyond the range of doubles are `null` in the record of the labels, which `export` could not read.
+#[test]
+fn a_mesh_whose_area_overflows_is_exported() {
+    let dir = common::in_memory();
+    let mesh = zoo::all().into_iter().find(|shape| shape.name == "as_far_as_doubles_go").unwrap().write(dir.path());
+    let (work, seg, table) = (dir.path().join("work"), dir.path().join("x.seg"), dir.path().join("x.csv"));
+    segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work), "-o", word(&seg), "-o", word(&table)]);
+    let written = [&seg, &table].map(|path| std::fs::read(path).unwrap());
+    stage(&["export", "-q", "-o", word(&seg), "-o", word(&table)], &work);
+    assert_eq!([&seg, &table].map(|path| std::fs::read(path).unwrap()), written);
+}
+
 /// Regression: `export` gave the labels and the hierarchy of an older program as if they were today's.
 #[test]
 fn what_an_older_program_made_is_not_exported() {
