@@ -131,6 +131,12 @@ pub(super) fn parts(
     if params.tiny_components == TinyComponents::Own && shares.tiny_nodes > 0 {
         let tiny = |node: u32| shares.at(node as usize) <= 0.;
         requests.corrections.refuse_own(&nodes, "tiny components", tiny)?;
+        let others = n as u64 - shares.tiny_nodes;
+        if params.parts.count.least() as u64 > others {
+            let problem = "tiny components cannot be one part if more parts are requested than there are other faces";
+            let remedy = format!("request at most {others}, or leave out `tiny_components` own");
+            return Err(Error::parameter("parts", problem, remedy));
+        }
     }
     let mut decided = decide_parts(whole, params, located, context)?;
     let extrapolated = match params.boundaries {

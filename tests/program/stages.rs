@@ -467,6 +467,22 @@ fn tiny_components_join_parts_or_are_one_of_their_own() {
     assert!(errors(&output).contains("--tiny-components can only be used with --cluster parts"));
 }
 
+/// Regression: with more parts than other faces, tiny components were divided into several parts, of which the report
+/// named one.
+#[test]
+fn tiny_components_are_not_divided() {
+    let dir = common::in_memory();
+    let vertices = zoo::tetrahedron().vertices.iter().map(|v| v.map(|x| 1e-4 * x)).collect();
+    let speck = zoo::Shape { vertices, ..zoo::tetrahedron() };
+    let shape = zoo::beside("a_speck_beside_four_faces", &zoo::tetrahedron(), &speck, [3., 0., 0.]);
+    let mesh = shape.write(dir.path());
+    assert_eq!(direct(&mesh, &["-k", "4", "--tiny-components", "own"])[4..], [4; 4]);
+    for k in ["5", "8"] {
+        let told = refused(&["segment", word(&mesh), "-k", k, "--tiny-components", "own"], &dir.path().join("work"), 2);
+        assert!(told.contains("request at most 4, or leave out --tiny-components own"), "{told}");
+    }
+}
+
 #[test]
 fn boundaries_by_the_embedding_are_near_those_by_the_front_and_the_same_from_a_work_directory() {
     let Scene { mesh, work, out, .. } = &scene(40_000, false);
