@@ -10,7 +10,7 @@ use crate::apps::study::{CompareParams, SampleRecord, compare};
 use crate::apps::transfer::{Transferred, transfer};
 use crate::base::Result;
 use crate::graph::Metric;
-use crate::landmarks::Sampling;
+use crate::landmarks::{Sampler, Sampling};
 use crate::mesh::Mesh;
 use crate::spectral::Kernel;
 

@@ -14,7 +14,7 @@ use nystrom_stream::apps::study::points::{PointsParams, SampleMeasures, agreemen
 use nystrom_stream::apps::study::summary::{Spread, one_to_text, summary, to_csv, to_text};
 use nystrom_stream::apps::study::{CompareParams, Over, SampleRecord, StudyData, StudyParams, compare};
 use nystrom_stream::base::{Error, Result};
-use nystrom_stream::landmarks::Sampling;
+use nystrom_stream::landmarks::{Sampler, Sampling};
 use nystrom_stream::pipeline::input;
 use nystrom_stream::spectral::Kernel;
 use nystrom_stream::store::{Context, Run};

@@ -42,6 +42,10 @@ impl Sampler for DistanceWeighted {
         };
         one_by_one(l, seed, space, field, found, &next)
     }
+
+    fn is_costly(&self) -> bool {
+        false
+    }
 }
 
 /// The first node of greatest area × distance / u. Unreached nodes count as farther than all others. If no remaining

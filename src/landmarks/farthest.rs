@@ -29,6 +29,10 @@ impl Sampler for Farthest {
     ) -> Result<()> {
         one_by_one(l, seed, space, field, found, &farthest_in)
     }
+
+    fn is_costly(&self) -> bool {
+        false
+    }
 }
 
 /// Chooses each landmark with `next`, given the distances to the nearest landmark so far. The first is an extremity.
@@ -87,6 +91,10 @@ impl Sampler for GeodesicFarthest {
             }
         }
         Ok(())
+    }
+
+    fn needs_lengths(&self) -> bool {
+        true
     }
 }
 

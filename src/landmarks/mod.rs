@@ -104,11 +104,6 @@ impl Sampling {
         }
     }
 
-    /// Whether the search uses length only, instead of the metric of the rows.
-    pub fn needs_lengths(self) -> bool {
-        self == Self::GeodesicFarthest
-    }
-
     /// Whether the first l of more landmarks are the same as l landmarks: all samplings except centroids, which move.
     pub fn is_nested(self) -> bool {
         self != Self::Centroids
@@ -144,11 +139,11 @@ impl Sampler for Sampling {
     }
 
     fn needs_lengths(&self) -> bool {
-        (*self).needs_lengths()
+        self.sampler(SamplingParams::default()).needs_lengths()
     }
 
     fn is_costly(&self) -> bool {
-        !matches!(self, Self::Farthest | Self::DistanceWeighted | Self::Random | Self::Uniform)
+        self.sampler(SamplingParams::default()).is_costly()
     }
 }
 
@@ -197,7 +192,21 @@ fn distinct(n: usize, count: usize, seed: u64, purpose: &str) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
-    use super::distinct;
+    use super::{Sampler, Sampling, SamplingParams, distinct};
+
+    /// Regression: the samplers that [`Sampling::sampler`] returns did not ask for lengths, and all called themselves
+    /// costly.
+    #[test]
+    fn samplers_tell_what_they_need_and_cost() {
+        for sampling in Sampling::ALL {
+            let sampler = sampling.sampler(SamplingParams::default());
+            assert_eq!(sampler.needs_lengths(), sampling == Sampling::GeodesicFarthest, "{}", sampling.name());
+            let draws = [Sampling::Farthest, Sampling::DistanceWeighted, Sampling::Random, Sampling::Uniform];
+            assert_eq!(sampler.is_costly(), !draws.contains(&sampling), "{}", sampling.name());
+            assert_eq!(sampling.needs_lengths(), sampler.needs_lengths());
+            assert_eq!(sampling.is_costly(), sampler.is_costly());
+        }
+    }
 
     #[test]
     fn distinct_numbers_are_distinct_and_evenly_spread() {

@@ -19,12 +19,20 @@ impl Sampler for ByArea {
     fn choose(&self, l: usize, seed: u64, space: &mut dyn Space, _: &mut [f32], found: &mut Found<'_>) -> Result<()> {
         by_area(l, space.nodes(), seed).into_iter().try_for_each(|landmark| found(landmark, None))
     }
+
+    fn is_costly(&self) -> bool {
+        false
+    }
 }
 
 impl Sampler for Uniform {
     fn choose(&self, l: usize, seed: u64, space: &mut dyn Space, _: &mut [f32], found: &mut Found<'_>) -> Result<()> {
         let drawn = distinct(space.nodes().len(), l, seed, "uniform landmarks");
         drawn.into_iter().try_for_each(|landmark| found(landmark, None))
+    }
+
+    fn is_costly(&self) -> bool {
+        false
     }
 }
 

@@ -8,7 +8,7 @@ use nystrom_stream::apps::study::points::{self, PointsParams, TOLERANCE, affinit
 use nystrom_stream::apps::study::summary::summary;
 use nystrom_stream::apps::study::{CompareParams, SampleRecord, compare};
 use nystrom_stream::graph::Metric;
-use nystrom_stream::landmarks::{MatrixSpace, Sampling, SamplingParams};
+use nystrom_stream::landmarks::{MatrixSpace, Sampler, Sampling, SamplingParams};
 use nystrom_stream::spectral::affinity::{AffinityBlock, Bandwidth, DenseBlock, SampledBlock};
 use nystrom_stream::spectral::affinity::{KeptEigenpairs, Preprocess, PreprocessedBlock};
 use nystrom_stream::spectral::kernel::Kernel;
