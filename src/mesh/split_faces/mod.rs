@@ -87,8 +87,9 @@ impl FaceSplit {
     /// Splits the faces of `mesh`, which have `labels` (n).
     ///
     /// # Errors
-    /// [`Error::Parameter`] for labels that do not match the faces, [`Error::Memory`], [`Error::Cancelled`], and
-    /// [`Error::Unusable`] where there would be more vertices than can be numbered.
+    /// [`crate::base::Error::Parameter`] for labels that do not match the faces, [`crate::base::Error::Memory`],
+    /// [`crate::base::Error::Cancelled`], and [`crate::base::Error::Unusable`] where there would be more vertices than
+    /// can be numbered.
     pub fn of(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Self> {
         one_per_face("labels", labels.len(), mesh.faces.len())?;
         let strip = Strip::of(mesh, labels, run)?;
@@ -151,7 +152,8 @@ impl FaceSplit {
     /// place, other pieces and new vertices follow at the end.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for labels or qualities that do not match the faces; [`Error::Memory`], as all is held.
+    /// [`crate::base::Error::Parameter`] for labels or qualities that do not match the faces;
+    /// [`crate::base::Error::Memory`], as all is held.
     pub fn applied(&self, mesh: &Mesh, labels: &[u32], quality: Option<&[f32]>, run: &Run) -> Result<SplitMesh> {
         one_per_face("labels", labels.len(), mesh.faces.len())?;
         quality.map_or(Ok(()), |quality| one_per_face("quality", quality.len(), mesh.faces.len()))?;
