@@ -17,6 +17,7 @@ use crate::base::sort::lexicographic;
 use crate::base::vector::{cross, length as norm, minus, wide};
 use crate::distance::SharedFront;
 use crate::graph::csr::{INDICES, WEIGHTS};
+use crate::graph::dual_edges::{CENTROID_DISTANCES, EDGES};
 use crate::graph::row_starts::{OwnedRowStarts, PLAIN, StartsForm};
 use crate::graph::{Csr, DualEdges, DualGraph, GraphFacts, Node, WeightedGraph, nodes};
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
@@ -40,7 +41,6 @@ const OWNER: &str = "contracted.tmp";
 const FIELD: &str = "contracted_field.tmp";
 const SEEDS: &str = "contraction_seeds.npy";
 const AREAS: &str = "contraction_areas.npy";
-const LENGTHS: [&str; 2] = ["graph_centroid_distances.npy", "graph_shared_edge_lengths.npy"];
 
 /// The contracted surface.
 #[derive(Debug)]
@@ -85,8 +85,7 @@ impl Stage for Contraction<'_> {
 
     fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let output = contract(&self, key, context)?;
-        let mut files = vec![OF_FACE, SEEDS, AREAS, nodes::FILE, WEIGHTS, PLAIN, INDICES];
-        files.extend(LENGTHS);
+        let files = vec![OF_FACE, SEEDS, AREAS, nodes::FILE, WEIGHTS, PLAIN, INDICES, CENTROID_DISTANCES, EDGES];
         Ok(BuiltStage { facts: output.graph.facts.clone(), output, files })
     }
 
@@ -332,8 +331,8 @@ fn assemble(
     let edges = DualEdges::of_arrays(
         OwnedRowStarts::Plain(inner.write(PLAIN, &indptr, 1)?),
         inner.write(INDICES, &indices, 1)?,
-        write(LENGTHS[0], 1)?,
-        write(LENGTHS[1], 2)?,
+        write(CENTROID_DISTANCES, 1)?,
+        write(EDGES, 2)?,
     );
     let weights = write(WEIGHTS, 0)?;
     let weighted = WeightedGraph::new(inner.path(), edges.starts.clone(), edges.indices.clone(), weights, key.clone())?;

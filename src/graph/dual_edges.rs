@@ -26,9 +26,9 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 /// The file of the centroid distances.
-pub(super) const CENTROID_DISTANCES: &str = "graph_centroid_distances.npy";
+pub(crate) const CENTROID_DISTANCES: &str = "graph_centroid_distances.npy";
 /// The file of the lengths of shared edges.
-pub(super) const EDGES: &str = "graph_shared_edge_lengths.npy";
+pub(crate) const EDGES: &str = "graph_shared_edge_lengths.npy";
 
 /// The edges of a graph before they are weighted, as compressed rows.
 #[derive(Clone, Debug)]
