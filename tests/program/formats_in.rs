@@ -179,6 +179,15 @@ fn try_open(ending: &str, bytes: &[u8]) {
 }
 
 #[test]
+fn an_obj_is_recognised_by_any_statement() {
+    // Regression: `fo`, the older word for `f`, was read in a file named as OBJ only.
+    let dir = common::in_memory();
+    let path = dir.path().join("mesh");
+    std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nfo 1 2 3\n").unwrap();
+    assert_eq!(faces(&mesh::open(&path, dir.path(), &run()).unwrap()), [[0, 1, 2]]);
+}
+
+#[test]
 fn every_truncation_is_refused_or_opened() {
     for (ending, sample) in samples() {
         (0..sample.len()).for_each(|len| try_open(ending, &sample[..len]));

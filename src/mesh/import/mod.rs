@@ -29,12 +29,13 @@ pub(in crate::mesh) enum Format {
 }
 
 /// Statements of OBJ files; those of curves, surfaces and rendering are ignored.
-const OBJ: [&[u8]; 36] = [
+const OBJ: [&[u8]; 37] = [
     b"v",
     b"vn",
     b"vt",
     b"vp",
     b"f",
+    b"fo",
     b"l",
     b"p",
     b"o",

@@ -26,8 +26,8 @@ pub(super) fn without_padding(text: &[u8]) -> &[u8] {
     &text[..end]
 }
 
-/// The lines that are not blank; `#` starts a comment ([`remark`]). With `joined`, as in OBJ, a backslash at the end
-/// continues on the next line.
+/// The lines that are not blank; `#` starts a comment ([`remark`]). With `joined`, as in OBJ, a backslash at the end,
+/// before blanks if there are any, continues on the next line.
 pub(super) struct Lines<'a> {
     rest: &'a [u8],
     number: u64,
@@ -73,8 +73,10 @@ impl<'a> Iterator for Lines<'a> {
         while !self.rest.is_empty() {
             self.number += 1;
             let number = self.number;
-            let (mut end, mut next) = self.end(0);
-            while self.joined && self.rest[..end].ends_with(b"\\") && next < self.rest.len() {
+            let (mut from, (mut end, mut next)) = (0, self.end(0));
+            // Blanks after the backslash cannot be seen in an editor.
+            while self.joined && self.rest[from..end].trim_ascii_end().ends_with(b"\\") && next < self.rest.len() {
+                from = next;
                 (end, next) = self.end(next);
                 self.number += 1;
             }
@@ -279,6 +281,19 @@ pub(super) mod off {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn blanks_may_follow_the_backslash_that_continues_a_line() {
+        // Regression: the face ended at such a backslash, and the next line, its other corners, was ignored.
+        let text = b"f 1 2 \\ \t\n3 4\nf 1 2\\\r\n  \r\nv 0 0 0\nf 1 2 \\ ";
+        let lines = |joined| {
+            let words = |line: Line| line.words().map(String::from_utf8_lossy).collect::<Vec<_>>().join(" ");
+            Lines::new(text, joined).map(|line| (line.number, words(line))).collect::<Vec<_>>()
+        };
+        let joined = [(1, "f 1 2 3 4"), (3, "f 1 2"), (5, "v 0 0 0"), (6, "f 1 2")];
+        assert_eq!(lines(true), joined.map(|(number, words)| (number, words.to_string())));
+        assert_eq!(lines(false).len(), 5);
+    }
 
     #[test]
     fn numbers_and_names_with_a_hash_are_no_remarks() {
