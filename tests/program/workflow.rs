@@ -51,3 +51,25 @@ fn a_batch_fails_where_its_folder_fails_and_goes_on_where_a_mesh_does() {
     assert_eq!(failed, [true, false, true]);
     assert!(dir.path().join("faces/batch=0000/mesh=grid/part-0.parquet").exists());
 }
+
+/// Regression: readers found no mesh in `mesh=a=b`, and missed `mesh=a/b` without an error.
+#[test]
+fn names_of_partitions_are_escaped_as_by_hive() {
+    if !Command::new("python3").arg("-V").output().is_ok_and(|output| output.status.success()) {
+        eprintln!("skipped: python3 is not there");
+        return;
+    }
+    let dir = common::in_memory();
+    zoo::grid(9).write(dir.path());
+    std::fs::create_dir(dir.path().join("a")).unwrap();
+    let names = ["a=1", "a/b", "100% ü", "a%20b"];
+    for name in names {
+        std::fs::copy(dir.path().join("grid.ply"), dir.path().join(format!("{name}.ply"))).unwrap();
+    }
+    let output = batch(dir.path(), env!("CARGO_BIN_EXE_nystrom-stream"), &names);
+    assert!(output.status.success(), "{}", errors(&output));
+    for escaped in ["a%3D1", "a%2Fb", "100%25 ü", "a%2520b"] {
+        let file = dir.path().join(format!("faces/batch=0000/mesh={escaped}/part-0.parquet"));
+        assert!(file.exists(), "{}", file.display());
+    }
+}

@@ -1,16 +1,21 @@
 """Segments a batch of meshes: one Parquet file per mesh, in the partition mesh=NAME, and one line of JSON per mesh.
 
+In the name of the partition, characters that have a meaning there are escaped as by Hive: readers find no column in mesh=a=b.
+
 A mesh that the program refuses is a line with an error; it is tried twice, in case that a network folder failed it. Where
 the folder itself fails, such as on a full disk, the batch fails, to be run again. The folder is made under another name and
 renamed when whole.
 """
 
 import json
+import re
 import shlex
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+SPECIAL = re.compile(r"""[\x00-\x1f\x7f"#%'*/:=?\\{[\]^]""")
 
 snakemake = globals()["snakemake"]
 log = open(snakemake.log[0], "w", encoding="utf-8")
@@ -21,7 +26,7 @@ shutil.rmtree(partial, ignore_errors=True)
 
 def segment(name, mesh):
     """The program's answer for one mesh."""
-    folder = partial / f"mesh={name}"
+    folder = partial / f"mesh={SPECIAL.sub(lambda found: f'%{ord(found[0]):02X}', name)}"
     folder.mkdir(parents=True, exist_ok=True)
     report = folder / "report.json"
     words = [snakemake.params.program, "segment", mesh, *shlex.split(snakemake.params.options)]
