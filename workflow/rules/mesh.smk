@@ -31,7 +31,7 @@ rule prepare:
         work="results/mesh/{mesh}/work",
         options=row_options,
     shell:
-        "{params.program} rows {input.mesh:q} --work-dir {params.work:q} --force --prepare {params.options}"
+        "{params.program:q} rows {input.mesh:q} --work-dir {params.work:q} --force --prepare {params.options}"
         " --threads {threads} --max-memory {params.memory:q} --progress lines --json={output:q} 2> {log:q}"
 
 
@@ -59,7 +59,7 @@ rule rows:
         work="results/mesh/{mesh}/work",
         options=row_options,
     shell:
-        "{params.program} rows {input.mesh:q} --work-dir {params.work:q} --shard {wildcards.i}/{wildcards.of}"
+        "{params.program:q} rows {input.mesh:q} --work-dir {params.work:q} --shard {wildcards.i}/{wildcards.of}"
         " {params.options} --threads {threads} --max-memory {params.memory:q} --progress lines"
         " --json={output:q} 2> {log:q}"
 
@@ -86,7 +86,7 @@ rule merge:
         program=PROGRAM,
         work="results/mesh/{mesh}/work",
     shell:
-        "{params.program} merge --work-dir {params.work:q} --progress lines --json={output:q} 2> {log:q}"
+        "{params.program:q} merge --work-dir {params.work:q} --progress lines --json={output:q} 2> {log:q}"
 
 
 rule cut:
@@ -127,7 +127,7 @@ rule cut:
         work="results/mesh/{mesh}/work",
         options=cut_options,
     shell:
-        "{params.program} cluster --work-dir {params.work:q} {params.options} -o {output.labels:q} -o {output.picture:q}"
+        "{params.program:q} cluster --work-dir {params.work:q} {params.options} -o {output.labels:q} -o {output.picture:q}"
         " --threads {threads} --max-memory {params.memory:q} --progress lines --json={output.answer:q} 2> {log:q}"
 
 

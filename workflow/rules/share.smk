@@ -32,7 +32,7 @@ rule share_prepare:
         work="results/mesh/{mesh}/work",
         options=share_options,
     shell:
-        "{params.program} share {wildcards.step} {input.mesh:q} --work-dir {params.work:q} --force --prepare {params.options}"
+        "{params.program:q} share {wildcards.step} {input.mesh:q} --work-dir {params.work:q} --force --prepare {params.options}"
         " --threads {threads} --max-memory {params.memory:q} --progress lines --json={output:q} 2> {log:q}"
 
 
@@ -62,6 +62,6 @@ rule share:
         work="results/mesh/{mesh}/work",
         options=share_options,
     shell:
-        "{params.program} share {wildcards.step} {input.mesh:q} --work-dir {params.work:q}"
+        "{params.program:q} share {wildcards.step} {input.mesh:q} --work-dir {params.work:q}"
         " --shard {wildcards.i}/{wildcards.of} {params.options} --threads {threads} --max-memory {params.memory:q}"
         " --progress lines --json={output:q} 2> {log:q}"

@@ -24,7 +24,7 @@ rule sweep_rows:
         work="results/sweep/{sampling}-{seed}/work",
         options=SWEEP_ROWS,
     shell:
-        "{params.program} rows {input.mesh:q} --work-dir {params.work:q} --force {params.options}"
+        "{params.program:q} rows {input.mesh:q} --work-dir {params.work:q} --force {params.options}"
         " --sampling {wildcards.sampling} --seed {wildcards.seed} --threads {threads}"
         " --max-memory {params.memory:q} --progress lines --json={output:q} 2> {log:q}"
 
@@ -55,7 +55,7 @@ rule sweep_point:
     shell:
         "(rm -rf {params.work:q} && mkdir -p {params.work:q}"
         " && find {params.rows:q} -maxdepth 1 -type f ! -name lock -exec ln -t {params.work:q} {{}} +"
-        " && {params.program} cluster --work-dir {params.work:q} --cluster kmeans -k {wildcards.k}"
+        " && {params.program:q} cluster --work-dir {params.work:q} --cluster kmeans -k {wildcards.k}"
         " --kernel {wildcards.kernel} --threads {threads} --max-memory {params.memory:q} --progress lines"
         " -o {output.labels:q} --json={output.answer:q} && rm -rf {params.work:q}) 2> {log:q}"
 
@@ -77,7 +77,7 @@ rule sweep_score:
     params:
         program=PROGRAM,
     shell:
-        "{params.program} evaluate {input.labels:q} --truth {input.truth:q} --mesh {input.mesh:q} --json={output:q} > {log:q} 2>&1"
+        "{params.program:q} evaluate {input.labels:q} --truth {input.truth:q} --mesh {input.mesh:q} --json={output:q} > {log:q} 2>&1"
 
 
 rule sweep_table:
