@@ -130,11 +130,15 @@ impl Region {
             inside[v as usize] = true;
         }
         drop((order, cover));
-        Self::of(whole.opened, inside)
+        Self::of(whole.opened, inside)?.ok_or_else(|| {
+            let problem =
+                format!("covers no triangle of {}, which it is to be a part of", whole.opened.path().display());
+            Error::unusable(part.opened.path(), problem, "scale both meshes alike, or give a larger part")
+        })
     }
 
-    /// The triangles of `mesh` whose corners are all `inside`, without crumbs.
-    fn of(mesh: &Mesh, mut inside: Vec<bool>) -> Result<Self> {
+    /// The triangles of `mesh` whose corners are all `inside`, without crumbs; `None` if there are none.
+    fn of(mesh: &Mesh, mut inside: Vec<bool>) -> Result<Option<Self>> {
         let mut faces: Vec<[u32; 3]> = Vec::new();
         mesh.faces.for_each(0..mesh.faces.len(), |_, corners| {
             triangles(mesh, corners, |face, _| {
@@ -143,6 +147,9 @@ impl Region {
                 }
             });
         });
+        if faces.is_empty() {
+            return Ok(None);
+        }
         // Components, identified by their least vertex.
         let mut pieces = Forest::new(inside.len());
         for &[a, b, c] in &faces {
@@ -162,7 +169,7 @@ impl Region {
         old.iter().enumerate().for_each(|(at, &v)| new[v as usize] = at as u32);
         faces.iter_mut().flatten().for_each(|v| *v = new[*v as usize]);
         let positions = old.iter().map(|&v| mesh.positions.get(v)).collect();
-        Ok(Self { mesh: Mesh::from_vecs::<f64>(positions, faces)?, old })
+        Ok(Some(Self { mesh: Mesh::from_vecs::<f64>(positions, faces)?, old }))
     }
 
     /// Matches `part` with it, starting from the first matches `images`.
@@ -193,6 +200,20 @@ impl Region {
     }
 }
 
+/// The scales of both meshes over a common power of two. Of lengths in the files only ratios matter, and these stay
+/// exact; but squares of lengths beyond 10^154 or below 10^−162 would be infinite or 0.
+fn scales(sides: [&Side<'_>; 2]) -> [f64; 2] {
+    let scales = sides.map(|side| side.graph.frame.scale);
+    let (_, exponent) = libm::frexp(scales[0].max(scales[1]));
+    scales.map(|scale| libm::ldexp(scale, -exponent))
+}
+
+/// The areas of both meshes in the unit of [`scales`].
+fn areas(sides: [&Side<'_>; 2]) -> [f64; 2] {
+    let scales = scales(sides);
+    [0, 1].map(|s| sides[s].graph.facts.area * scales[s] * scales[s])
+}
+
 /// Matches A with B, one of which is a part of the other.
 ///
 /// # Errors
@@ -203,9 +224,10 @@ pub(super) fn match_partial(
     params: &CorrespondParams,
     context: Context<'_>,
 ) -> Result<Correspondence> {
-    let a_is_part = a.area() <= b.area();
+    let areas = areas([a, b]);
+    let a_is_part = areas[0] <= areas[1];
     let [part, whole] = if a_is_part { [a, b] } else { [b, a] };
-    let share = part.area() / whole.area().max(1e-300);
+    let share = areas[0].min(areas[1]) / areas[0].max(areas[1]).max(1e-300);
     let bytes = REGION * whole.graph.len() as u64 + MAPS * part.graph.len() as u64;
     let _grant = context.run.budget.take("regions of the whole", bytes, bytes)?;
     let (starts, images, basis) = first_maps(part, whole, share, params, context)?;
@@ -270,8 +292,8 @@ fn first_maps(
     context: Context<'_>,
 ) -> Result<(Vec<PartialOutcome>, Vec<Images>, LocalBasis)> {
     let sides = [part, whole];
-    let root = whole.area().sqrt().max(1e-300);
-    let units = sides.map(|side| side.graph.frame.scale / root);
+    let root = areas(sides)[1].sqrt().max(1e-300);
+    let units = scales(sides).map(|scale| scale / root);
     let width = local_width(sides);
     let of_whole = LOCAL_SAMPLES.min(whole.graph.len());
     let of_part = (of_whole as f64 * share).round() as usize;

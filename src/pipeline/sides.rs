@@ -282,7 +282,7 @@ impl<'a> Side<'a> {
     }
 
     /// Its area, in squared units of the file.
-    pub(super) fn area(&self) -> f64 {
+    fn area(&self) -> f64 {
         self.graph.facts.area * self.graph.frame.scale * self.graph.frame.scale
     }
 

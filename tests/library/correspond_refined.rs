@@ -430,3 +430,36 @@ fn a_coarse_mesh_with_an_unused_vertex_is_matched() {
     let found = |b: &Mesh| nystrom_stream::Matcher::new().run(&plain, b).unwrap();
     assert_eq!(found(&odd).matches(), found(&plain).matches());
 }
+
+/// Regression: areas in squared units of the files were infinite or 0 beyond 10^154 and below 10^−162. A part was called
+/// a mesh without faces, or matched otherwise, and A was always the part. A part that covers no triangle of the whole
+/// was called `<arrays>`, a point cloud.
+#[test]
+fn a_part_is_found_at_any_scale_but_only_at_that_of_the_whole() {
+    let dir = tempfile::tempdir().unwrap();
+    let whole = sphere(3);
+    let points: Vec<[f64; 3]> = (0..whole.positions.len() as u32).map(|v| whole.positions.get(v)).collect();
+    let mut all = Vec::new();
+    whole.faces.for_each(0..whole.faces.len(), |_, c| all.push([c[0], c[1], c[2]]));
+    let part: Vec<[u32; 3]> = all.iter().copied().filter(|c| c.iter().all(|&v| points[v as usize][2] > -0.3)).collect();
+    let scaled = |faces: &[[u32; 3]], scale: f64| {
+        let moved = points.iter().map(|p| [scale * p[0], scale * (1. + 0.3 * p[2]) * p[1], scale * 1.7 * p[2]]);
+        Mesh::from_vecs(moved.collect(), faces.to_vec()).unwrap()
+    };
+    let (run, params) = (Run::new(&()), CorrespondParams::default().landmarks(12).partial(true));
+    let found = |a: &Mesh, b: &Mesh| {
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        let found = correspond(a, b, None, &params, Context::new(&work, &run));
+        found.map(|found| found.matches.iter().map(|one| one.target).collect::<Vec<_>>())
+    };
+    // Powers of two change no bit of the shapes.
+    let at = |exponent: i32| [scaled(&all, 2f64.powi(exponent)), scaled(&part, 2f64.powi(exponent))];
+    let [of_all, of_part] = at(0);
+    let expected = [found(&of_all, &of_part).unwrap(), found(&of_part, &of_all).unwrap()];
+    assert!(expected.iter().all(|targets| targets.iter().any(|&target| target >= 0)));
+    let ([great_whole, great_part], [small_whole, small_part]) = (at(700), at(-700));
+    assert!(found(&great_whole, &great_part).unwrap() == expected[0]);
+    assert!(found(&small_part, &small_whole).unwrap() == expected[1]);
+    let told = found(&scaled(&part, 1e-3), &of_all).unwrap_err().to_string();
+    assert!(told.contains("covers no triangle of <arrays>") && told.contains("scale both meshes alike"), "{told}");
+}
