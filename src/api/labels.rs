@@ -6,7 +6,7 @@ use super::mesh::{admitted, checked};
 use super::run::{RunOptions, run_options, work_options};
 use crate::apps::evaluate::{Evaluator, Scores};
 use crate::apps::study::data::{StudyData, StudyParams};
-use crate::apps::study::{CompareParams, SampleRecord, compare};
+use crate::apps::study::{CompareParams, SampleRecord, StudyWidth, compare};
 use crate::apps::transfer::{Transferred, transfer};
 use crate::base::Result;
 use crate::graph::Metric;
@@ -137,7 +137,7 @@ impl SamplingQuality {
     /// The function from distance to affinity; its width is `width` times the mean distance.
     #[must_use]
     pub fn kernel(mut self, kernel: Kernel, width: f64) -> Self {
-        (self.params.kernel, self.params.width) = (kernel, width);
+        (self.params.kernel, self.params.width) = (kernel, StudyWidth::Mean(width));
         self
     }
 

@@ -12,7 +12,7 @@ use nystrom_stream::apps::plots::charts;
 use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
 use nystrom_stream::apps::study::points::{PointsParams, SampleMeasures, agreement, pairs};
 use nystrom_stream::apps::study::summary::{Spread, one_to_text, summary, to_csv, to_text};
-use nystrom_stream::apps::study::{CompareParams, Over, SampleRecord, StudyData, StudyParams, compare};
+use nystrom_stream::apps::study::{CompareParams, Over, SampleRecord, StudyData, StudyParams, StudyWidth, compare};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::landmarks::{Sampler, Sampling};
 use nystrom_stream::pipeline::input;
@@ -134,8 +134,7 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
         .landmarks(landmarks)
         .seeds((0..seeds).map(|k| args.run.seed.unwrap_or(0).wrapping_add(k)).collect())
         .kernel(args.kernel)
-        .width(args.local.map_or(args.sigma, f64::from))
-        .local(args.local.is_some())
+        .width(args.local.map_or(StudyWidth::Mean(args.sigma), |q| StudyWidth::Local(q as usize)))
         .tolerance(args.tolerance)
         .gamma_kernel(args.gamma_kernel.unwrap_or(Kernel::Exponential))
         .residual(args.exact)

@@ -6,7 +6,7 @@ use nystrom_stream::apps::study::compare::embedding_errors;
 use nystrom_stream::apps::study::data::{Over, StudyData, StudyParams};
 use nystrom_stream::apps::study::points::{self, PointsParams, TOLERANCE, affinities, agreement, evaluate_sample};
 use nystrom_stream::apps::study::summary::summary;
-use nystrom_stream::apps::study::{CompareParams, SampleRecord, compare};
+use nystrom_stream::apps::study::{CompareParams, SampleRecord, StudyWidth, compare};
 use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::{MatrixSpace, Sampler, Sampling, SamplingParams};
 use nystrom_stream::spectral::affinity::{AffinityBlock, Bandwidth, DenseBlock, KeptEigenpairs, SampledBlock};
@@ -182,7 +182,11 @@ fn every_sampling_finds_distinct_landmarks_the_same_on_matrix_and_graph() {
     assert!(matrix.ground.matrix.is_some() && graph.ground.matrix.is_none());
     let params = |sigma: f64| {
         // Both are measured under one width, which each knows as a mean of its own.
-        CompareParams::default().samplings(Sampling::ALL.to_vec()).landmarks(vec![1, 2, 7]).seeds(vec![3]).width(sigma)
+        CompareParams::default()
+            .samplings(Sampling::ALL.to_vec())
+            .landmarks(vec![1, 2, 7])
+            .seeds(vec![3])
+            .width(StudyWidth::Mean(sigma))
     };
     let (a, b) = (matrix.compare(&params(1.)), graph.compare(&params(matrix.ground.mean / graph.ground.mean)));
     assert_eq!(a.len(), 3 * Sampling::ALL.len());

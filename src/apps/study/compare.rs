@@ -22,6 +22,25 @@ use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use serde::Serialize;
 
+/// How the width of the measures' kernel is chosen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StudyWidth {
+    /// This many times the mean distance, the same everywhere.
+    Mean(f64),
+    /// By the distances to the q-th nearest landmark ([`Bandwidth::Local`]).
+    Local(usize),
+}
+
+impl StudyWidth {
+    /// The bandwidth on a mesh with the mean distance `mean`.
+    fn bandwidth(self, mean: f64) -> Bandwidth {
+        match self {
+            Self::Mean(factor) => Bandwidth::Global(factor * mean),
+            Self::Local(q) => Bandwidth::Local(q),
+        }
+    }
+}
+
 /// What to compare.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
@@ -34,10 +53,8 @@ pub struct CompareParams {
     pub seeds: Vec<u64>,
     /// Kernel of the measures.
     pub kernel: Kernel,
-    /// Its width relative to the mean distance, or with `local` the number q of the neighbour.
-    pub width: f64,
-    /// Whether widths are local ([`Bandwidth::Local`]).
-    pub local: bool,
+    /// Its width.
+    pub width: StudyWidth,
     /// Eigenvalues of A up to this share of the greatest are dropped; by default [`Kernel::tolerance`].
     pub tolerance: Option<f64>,
     /// Kernel of Γ used by greedy sampling and pivoted Cholesky; its width is the mean distance.
@@ -55,8 +72,7 @@ impl Default for CompareParams {
             landmarks: vec![10],
             seeds: vec![0],
             kernel: Kernel::Exponential,
-            width: 1.,
-            local: false,
+            width: StudyWidth::Mean(1.),
             tolerance: None,
             gamma_kernel: Kernel::Exponential,
             residual: false,
@@ -70,8 +86,7 @@ crate::base::setters::setters!(CompareParams {
     landmarks: Vec<usize>,
     seeds: Vec<u64>,
     kernel: Kernel,
-    width: f64,
-    local: bool,
+    width: StudyWidth,
     tolerance: Option<f64>,
     gamma_kernel: Kernel,
     residual: bool,
@@ -94,8 +109,10 @@ impl CompareParams {
         if self.seeds.is_empty() {
             return refused("seeds", "none is given", "measure under at least one");
         }
-        if !(self.width > 0. && self.width.is_finite()) {
-            let problem = format!("{} is not a positive number", self.width);
+        if let StudyWidth::Mean(factor) = self.width
+            && !(factor > 0. && factor.is_finite())
+        {
+            let problem = format!("{factor} is not a positive number");
             return refused("width", &problem, "give a number of mean distances");
         }
         self.kernel.check()
@@ -285,25 +302,27 @@ struct Sample<'a> {
 fn record(ground: &StudyData, sample: Sample, rows: &Rows, params: &CompareParams, run: &Run) -> Result<SampleRecord> {
     let Sample { mesh, sampling, seed, landmarks, search_fronts } = sample;
     let (l, n) = (landmarks.len(), ground.len());
-    let sigma = params.width * ground.mean;
-    let bandwidth =
-        if params.local { Bandwidth::Local(params.width.round().max(1.) as usize) } else { Bandwidth::Global(sigma) };
+    let bandwidth = params.width.bandwidth(ground.mean);
+    // With local widths, an affinity is known only between a landmark and another node.
+    let sigma = match bandwidth {
+        Bandwidth::Global(sigma) => Some(sigma),
+        Bandwidth::Local(_) => None,
+    };
     let tolerance = params.tolerance.unwrap_or(params.kernel.tolerance(l));
     let block = AffinityBlock::new(landmarks, rows.first(l), params.kernel, bandwidth);
-    // With local widths, an affinity is known only between a landmark and another node.
     let held = AffinityBlock::new(&ground.held_out, ground.held_rows(), params.kernel, bandwidth);
-    let measures = measure(&block, (!params.local).then_some(&held as &dyn SampledBlock), tolerance, run)?;
+    let measures = measure(&block, sigma.map(|_| &held as &dyn SampledBlock), tolerance, run)?;
     let all: Vec<u32> = (0..n as u32).collect();
-    let matrix = ground.matrix.as_ref().filter(|_| !params.local);
-    let residual = match matrix.filter(|_| params.residual) {
-        Some(matrix) => {
+    let known = ground.matrix.as_ref().zip(sigma);
+    let residual = match known.filter(|_| params.residual) {
+        Some((matrix, _)) => {
             let truth = AffinityBlock::new(&all, matrix.chunks_exact(n).collect(), params.kernel, bandwidth);
             residual(&block, &truth, tolerance, run)?
         }
         None => None,
     };
-    let exact = match matrix.filter(|_| params.schur) {
-        Some(matrix) => {
+    let exact = match known.filter(|_| params.schur) {
+        Some((matrix, sigma)) => {
             let bytes = 6 * 8 * (n * n) as u64;
             let _grant = run.budget.take("the exact comparison", bytes, bytes)?;
             let w = DMatrix::from_fn(n, n, |i, j| params.kernel.of(sigma, f64::from(matrix[j * n + i])));
@@ -317,7 +336,7 @@ fn record(ground: &StudyData, sample: Sample, rows: &Rows, params: &CompareParam
         l,
         seed,
         nodes: n,
-        sigma: (!params.local).then_some(sigma),
+        sigma,
         search_fronts,
         measures,
         residual,
@@ -350,7 +369,7 @@ pub struct EmbeddingError {
 /// those of `sampling` under `seed`, which may use its kernel of Γ.
 ///
 /// # Errors
-/// [`Error::Parameter`] if `ground` does not have all distances, [`Error::Cancelled`].
+/// [`Error::Parameter`] if `ground` does not have all distances, or for local widths; [`Error::Cancelled`].
 pub fn embedding_errors(
     ground: &StudyData,
     params: &CompareParams,
@@ -359,14 +378,16 @@ pub fn embedding_errors(
     d: usize,
     run: &Run,
 ) -> Result<Vec<EmbeddingError>> {
-    let (kernel, width, sizes) = (params.kernel, params.width, &params.landmarks);
+    let (kernel, sizes) = (params.kernel, &params.landmarks);
     let n = ground.len();
     let Some(matrix) = &ground.matrix else {
         return Err(Error::parameter("exact", format!("{n} faces are too many"), "decimate the mesh"));
     };
+    let Bandwidth::Global(sigma) = params.width.bandwidth(ground.mean) else {
+        return Err(Error::parameter("width", "is local", "give a number of mean distances"));
+    };
     let bytes = 8 * (n * n) as u64;
     let _grant = run.budget.take("all affinities", bytes, bytes)?;
-    let sigma = width * ground.mean;
     let affinity = |i: usize, j: usize| kernel.of(sigma, 0.5 * f64::from(matrix[i * n + j] + matrix[j * n + i]));
     let weights = ground.weights();
     let ones = vec![1.; n];

@@ -9,5 +9,5 @@ pub mod data;
 pub mod points;
 pub mod summary;
 
-pub use compare::{CompareParams, SampleRecord, compare};
+pub use compare::{CompareParams, SampleRecord, StudyWidth, compare};
 pub use data::{Over, StudyData, StudyParams};
