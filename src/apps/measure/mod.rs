@@ -23,6 +23,7 @@ use crate::base::vector::{MapEach, finite, position_key};
 use crate::base::{Error, Result};
 use crate::graph::{DualGraph, GraphFacts};
 use crate::mesh::Mesh;
+use crate::mesh::geometry::one_per_face;
 use crate::store::Context;
 use adjacency::{Faces, LongFaces, SharedEdge, SharedEdges, ends};
 use serde::Serialize;
@@ -273,10 +274,7 @@ pub fn parts(mesh: &Mesh, labels: &[u32], parts: usize, context: Context<'_>) ->
 /// [`Error::Parameter`] for labels that do not match the faces; [`Error::Memory`] for more labels than the budget has
 /// room for; else as [`DualGraph::build`].
 pub fn labelled(mesh: &Mesh, labels: &[u32], context: Context<'_>) -> Result<BTreeMap<u32, Measures>> {
-    if labels.len() != mesh.faces.len() {
-        let problem = format!("{} for {} faces", labels.len(), mesh.faces.len());
-        return Err(Error::parameter("labels", problem, "give one for every face of the mesh"));
-    }
+    one_per_face("labels", labels.len(), mesh.faces.len())?;
     let mesh = &mesh.without_strays(context.run)?;
     let graph = graph(mesh, context)?;
     let (sums, _) = sums(mesh, Some(labels), &graph, false, context)?;

@@ -14,6 +14,7 @@ use crate::base::{Error, Result};
 use crate::cluster::parts::PartTree;
 use crate::cluster::parts::hints::Affinities;
 use crate::mesh::Mesh;
+use crate::mesh::geometry::one_per_face;
 use crate::mesh::output::publish;
 use crate::store::Run;
 use base64::Engine;
@@ -146,12 +147,8 @@ impl Page<'_> {
     /// As [`Page::write`], except for [`Error::Io`].
     pub fn html(&self, run: &Run) -> Result<String> {
         let n = self.mesh.faces.len();
-        for (name, len) in [("labels", self.labels.len()), ("cells", self.cuts.map_or(n, |cuts| cuts.cells.len()))] {
-            if len != n {
-                let problem = format!("{len} for {n} faces");
-                return Err(Error::parameter(name, problem, "give one for every face of the mesh"));
-            }
-        }
+        one_per_face("labels", self.labels.len(), n)?;
+        one_per_face("cells", self.cuts.map_or(n, |cuts| cuts.cells.len()), n)?;
         if let Some(label) = self.labels.iter().find(|label| **label as usize >= MOST_PARTS) {
             let problem = format!("label {label} is too large for a page");
             return Err(Error::parameter("labels", problem, "number the parts from 0"));

@@ -19,6 +19,7 @@ pub use sheet::{PictureParams, Up};
 use crate::base::{Error, Result};
 use crate::graph;
 use crate::mesh::Mesh;
+use crate::mesh::geometry::one_per_face;
 use crate::store::budget::Grant;
 use crate::store::{Context, Run, WorkDir};
 use camera::Frame;
@@ -79,7 +80,7 @@ pub fn render_named(
     params.check()?;
     let (mesh, _grant_of_it) = &in_common_size(mesh, run)?;
     let mesh = &mesh.without_strays(run)?;
-    check_labels(mesh, labels)?;
+    one_per_face("labels", labels.map_or(mesh.faces.len(), <[u32]>::len), mesh.faces.len())?;
     let smooth = mesh.positions.len() <= SMOOTH;
     let bytes = params.bytes() + if smooth { 12 * mesh.positions.len() as u64 } else { 0 };
     let _grant = PictureParams::grant(bytes, &run.budget)?;
@@ -111,21 +112,13 @@ pub fn render_named(
     Ok(image)
 }
 
-/// Rejects labels unless there is one per face.
-fn check_labels(mesh: &Mesh, labels: Option<&[u32]>) -> Result<()> {
-    labels.filter(|labels| labels.len() != mesh.faces.len()).map_or(Ok(()), |labels| {
-        let problem = format!("{} for {} faces", labels.len(), mesh.faces.len());
-        Err(Error::parameter("labels", problem, "give one for every face of the mesh"))
-    })
-}
-
 /// The best view, as axes in space: to the right, up, and towards the viewer.
 ///
 /// # Errors
 /// [`Error::Parameter`] for labels that do not match the faces; [`Error::Unusable`] if no face is finite;
 /// [`Error::Cancelled`].
 pub fn best_view(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, run: &Run) -> Result<[[f64; 3]; 3]> {
-    check_labels(mesh, labels)?;
+    one_per_face("labels", labels.map_or(mesh.faces.len(), <[u32]>::len), mesh.faces.len())?;
     let (mesh, _grant) = &in_common_size(mesh, run)?;
     let mesh = &mesh.without_strays(run)?;
     let found =
