@@ -110,11 +110,6 @@ impl AreaShares {
         self.computed.as_ref().map_or(self.stored.len(), |(nodes, _)| nodes.len())
     }
 
-    /// Whether there are no nodes.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// The share of the node number `at` with geometry `node`.
     #[inline]
     pub(super) fn of_node(&self, at: usize, node: &Node) -> f32 {

@@ -171,11 +171,6 @@ impl<'a> BandGraph<'a> {
         self.start.len() - 1
     }
 
-    /// Whether there are no positions.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Which of the edges are those of a position.
     pub fn span(&self, position: u32) -> Range<usize> {
         self.start[position as usize] as usize..self.start[position as usize + 1] as usize

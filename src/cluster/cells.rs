@@ -104,11 +104,6 @@ impl Cells {
     pub fn len(&self) -> usize {
         self.graph.area.len()
     }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
 }
 
 /// Replaces seeds by mirrored pairs if the surface is its own mirror image.

@@ -112,11 +112,6 @@ impl LocalRows {
         self.entries.len() / 2
     }
 
-    /// Whether no vertex is near a sample.
-    pub fn is_empty(&self) -> bool {
-        self.entries.is_empty()
-    }
-
     /// The samples near `vertex`, in ascending order of their numbers.
     pub fn near(&self, vertex: usize) -> impl Iterator<Item = Near> + '_ {
         let span: Range<usize> = 2 * self.starts[vertex] as usize..2 * self.starts[vertex + 1] as usize;

@@ -157,11 +157,6 @@ impl<'a> Csr<'a> {
         self.starts.len()
     }
 
-    /// Whether there are no nodes.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// The range of the edges from `node` in `indices` and `weights`.
     #[inline(always)]
     pub fn span(self, node: u32) -> Range<usize> {

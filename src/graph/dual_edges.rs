@@ -86,11 +86,6 @@ impl DualEdges {
         self.starts.view().len()
     }
 
-    /// Whether there are no nodes.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// The graph weighted by step lengths, in the frame.
     pub fn by_distance(&self) -> Csr<'_> {
         Csr::new(self.starts.view(), &self.indices, &self.centroid_distance)

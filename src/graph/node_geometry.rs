@@ -64,11 +64,6 @@ impl NodeGeometry {
         self.view().len()
     }
 
-    /// Whether there are no nodes.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// [`NodeView::window`].
     pub fn window<'a>(&'a self, range: Range<usize>, held: &'a mut Vec<Node>) -> NodeWindow<'a> {
         self.view().window(range, held)
@@ -104,11 +99,6 @@ impl<'a> NodeView<'a> {
             Look::Array(array) => array.len(),
             Look::Mesh(mesh) => mesh.mesh.faces.len(),
         }
-    }
-
-    /// Whether there are no nodes.
-    pub fn is_empty(self) -> bool {
-        self.len() == 0
     }
 
     /// The node `node`.

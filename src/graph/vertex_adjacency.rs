@@ -95,11 +95,6 @@ impl VertexAdjacency {
         self.indptr.len() - 1
     }
 
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// The neighbours of vertex `v`, ascending.
     #[inline]
     pub fn neighbours(&self, v: u32) -> &[u32] {

@@ -198,11 +198,6 @@ impl VertexGraph {
     pub fn len(&self) -> usize {
         self.nodes.len()
     }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
 }
 
 /// Sends the corners of all triangles to their vertices.

@@ -89,11 +89,6 @@ impl Positions {
         self.layout.len
     }
 
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.layout.len == 0
-    }
-
     /// Whether coordinates have 64 bits.
     pub fn is_double(&self) -> bool {
         self.layout.double

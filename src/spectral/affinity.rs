@@ -34,11 +34,6 @@ pub trait SampledBlock: Sync {
         self.landmarks().len()
     }
 
-    /// Whether there are no landmarks.
-    fn is_empty(&self) -> bool {
-        self.landmarks().is_empty()
-    }
-
     /// The columns of the given nodes (l × count).
     fn columns_of(&self, nodes: &[u32]) -> DMatrix<f64> {
         let mut out = DMatrix::zeros(self.len(), nodes.len());

@@ -82,11 +82,6 @@ impl SampledColumns {
         self.nodes.len()
     }
 
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.nodes.is_empty()
-    }
-
     /// Row `k` of the distances (s).
     pub fn row(&self, k: usize) -> &[f32] {
         &self.distances[k * self.len()..(k + 1) * self.len()]

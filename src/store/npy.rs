@@ -339,11 +339,6 @@ impl<T: Item> ArrayWriter<T> {
         self.bytes.len / size_of::<T>()
     }
 
-    /// Whether nothing was pushed yet.
-    pub fn is_empty(&self) -> bool {
-        self.bytes.len == 0
-    }
-
     /// Writes the header, syncs where `durable`, and renames.
     ///
     /// # Errors

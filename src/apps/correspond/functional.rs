@@ -32,11 +32,6 @@ impl Points {
         self.values.len() / self.dimensions.max(1)
     }
 
-    /// Whether there are no points.
-    pub fn is_empty(&self) -> bool {
-        self.values.is_empty()
-    }
-
     /// Point `i` (k).
     #[inline]
     pub fn at(&self, i: usize) -> &[f32] {

@@ -141,11 +141,6 @@ impl StudyData {
         self.nodes.len()
     }
 
-    /// Whether there are no nodes.
-    pub fn is_empty(&self) -> bool {
-        self.nodes.is_empty()
-    }
-
     /// The graph.
     pub fn graph(&self) -> Csr<'_> {
         self.graph.csr()

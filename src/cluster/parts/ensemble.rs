@@ -223,11 +223,6 @@ impl Superfaces {
         self.first.len()
     }
 
-    /// Whether there are no superfaces.
-    pub fn is_empty(&self) -> bool {
-        self.first.is_empty()
-    }
-
     /// Converts a labelling of cells that is constant on superfaces to one of superfaces.
     pub fn labels(&self, cells: &[u32]) -> Vec<u32> {
         self.first.iter().map(|&i| cells[i as usize]).collect()

@@ -39,11 +39,6 @@ impl Square {
         self.n
     }
 
-    /// Whether it has no rows.
-    pub fn is_empty(&self) -> bool {
-        self.n == 0
-    }
-
     /// Row `i`.
     pub fn row(&self, i: usize) -> &[f64] {
         &self.values[i * self.n..(i + 1) * self.n]

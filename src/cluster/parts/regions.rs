@@ -250,11 +250,6 @@ impl Regions {
         self.moments.len()
     }
 
-    /// Whether there are no regions.
-    pub fn is_empty(&self) -> bool {
-        self.moments.is_empty()
-    }
-
     /// Area of region `i`.
     pub fn area(&self, i: usize) -> f64 {
         self.moments[i].area

@@ -133,11 +133,6 @@ impl RowStarts<'_> {
         }
     }
 
-    /// Whether there are none.
-    pub fn is_empty(self) -> bool {
-        self.len() == 0
-    }
-
     /// The entries of `row`.
     #[inline(always)]
     pub fn span(self, row: u32) -> Range<usize> {

@@ -54,11 +54,6 @@ impl CellPaths {
         self.starts.len() - 1
     }
 
-    /// Whether there are no cells.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Sets the sweep order of all cells.
     pub fn sweep_in(&mut self, order: Vec<u32>) {
         self.order = order;
