@@ -221,7 +221,6 @@ pub fn refine(
     let depths = Depths { field: field.data(), visited: &visited };
     let band = straighten(surface, depths, labels.data(), context)?;
     drop(field);
-    context.work.remove("depth.tmp.partial");
     // Outside the band labels differ only between interiors, where they differed at first.
     let boundary_nodes = at_boundary(steps, boundary_nodes.iter().chain(&*band), labels.data());
     Ok(RefinedLabels { labels: labels.finish(false)?, boundary_nodes })

@@ -30,7 +30,6 @@ pub const CELLS: usize = 2000;
 const CHUNK: usize = 1 << 14;
 /// Cell of each face.
 pub const OF_FACE: &str = "cells.npy";
-const OWNER: &str = "cells.tmp";
 
 /// Cells of the faces and the graph of the cells.
 #[derive(Clone, Debug)]
@@ -86,17 +85,14 @@ impl Cells {
         let steps =
             Weighting { edges, nodes, normals: Some(normals.fine), area, metric }.build("cell_weights.npy", context)?;
         let csr = Csr::new(graph.edges.starts.view(), &graph.edges.indices, &steps);
-        let mut owner = context.work.array::<u32>(OWNER, &[n])?;
+        let mut owner = context.work.array::<u32>("cells.tmp", &[n])?;
         {
             let mut field = context.work.array::<f32>("cell_field.tmp", &[n])?;
             voronoi::nearest_source(csr, &seeds, field.data(), owner.data(), context.run)?;
         }
-        context.work.remove("cell_field.tmp.partial");
         context.work.remove("cell_weights.npy");
         let graph = cell_graph(graph, shares, normals, owner.data(), seeds, context.run)?;
         let of_node = as_u16(owner.data(), OF_FACE, context)?;
-        drop(owner);
-        context.work.remove(&format!("{OWNER}.partial"));
         Ok(Self { of_node, graph })
     }
 

@@ -37,8 +37,6 @@ const DETOUR: f64 = 1.15;
 
 /// The file of the contracted node of each face.
 pub const OF_FACE: &str = "contracted.npy";
-const OWNER: &str = "contracted.tmp";
-const FIELD: &str = "contracted_field.tmp";
 const SEEDS: &str = "contraction_seeds.npy";
 const AREAS: &str = "contraction_areas.npy";
 
@@ -131,8 +129,8 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
     let Context { work, run } = context;
     let n = graph.nodes.len();
     let seeds = seeds(shares, run)?;
-    let mut owner = work.array::<u32>(OWNER, &[n])?;
-    let mut field = work.array::<f32>(FIELD, &[n])?;
+    let mut owner = work.array::<u32>("contracted.tmp", &[n])?;
+    let mut field = work.array::<f32>("contracted_field.tmp", &[n])?;
     front(weighted, &seeds).nearest_source(field.data(), owner.data(), Context::new(whole, run))?;
     let mut of_node = work.array::<u16>(OF_FACE, &[n])?;
     let front = FrontValues { owner: owner.data(), field: field.data() };
@@ -140,7 +138,6 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
     let of_node = of_node.finish(false)?;
     drop((field, owner));
     let (nodes, areas) = (interiors(&sums, shares), sums.iter().map(|sum| sum.area).collect::<Vec<f64>>());
-    [OWNER, FIELD].iter().for_each(|name| work.remove(&format!("{name}.partial")));
     let (graph, weighted) = assemble(graph, nodes, &borders, key.to_string(), work)?;
     let (seeds, areas) = (work.write(SEEDS, &seeds, 1)?, work.write(AREAS, &areas, 1)?);
     Ok(ContractedSurface { graph, weighted, of_node, seeds, areas })

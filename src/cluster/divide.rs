@@ -17,8 +17,6 @@ use std::collections::BinaryHeap;
 const NONE: u32 = u32::MAX;
 /// Faces between checks of the stop flag.
 const STOP_CHECK: usize = 1 << 16;
-/// Temporary array of the nodes of a piece.
-const QUEUE: &str = "pieces.tmp";
 
 /// Parts divided into pieces.
 #[derive(Clone, Debug)]
@@ -56,7 +54,7 @@ pub fn divide(
     };
     let mut filling: Vec<(u64, u64)> = (0..parts).map(|part| (0, room(part, 0))).collect();
     let mut array = context.work.array::<u32>(file, &[n])?;
-    let mut queue = context.work.array::<u32>(QUEUE, &[n])?;
+    let mut queue = context.work.array::<u32>("pieces.tmp", &[n])?;
     let (out, queue_slice) = (&mut array.data()[..], &mut queue.data()[..]);
     out.fill(NONE);
     for start in 0..n {
@@ -84,8 +82,6 @@ pub fn divide(
         let is_full = left == 0 && piece + 1 < pieces[part];
         filling[part] = if is_full { (piece + 1, room(part, piece + 1)) } else { (piece, left) };
     }
-    drop(queue);
-    context.work.remove(&format!("{QUEUE}.partial"));
     Ok(Pieces { labels: array.finish(false)?, first })
 }
 

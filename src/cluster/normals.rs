@@ -49,14 +49,12 @@ pub fn smoothed(
     }
     let n = graph.nodes.len();
     let seeds = seeds(shares, r, file, context.run)?;
-    let (field_file, owner_file) = (format!("{file}.field.tmp"), format!("{file}.owner.tmp"));
-    let mut owner = context.work.array::<u32>(&owner_file, &[n])?;
+    let mut owner = context.work.array::<u32>(&format!("{file}.owner.tmp"), &[n])?;
     {
-        let mut field = context.work.array::<f32>(&field_file, &[n])?;
+        let mut field = context.work.array::<f32>(&format!("{file}.field.tmp"), &[n])?;
         let run = context.run.with_threads((context.run.threads / at_a_time) as u64);
         cell_front(graph, &seeds, file).nearest_source(field.data(), owner.data(), Context::new(context.work, &run))?;
     }
-    context.work.remove(&format!("{field_file}.partial"));
     let owner_data: &[u32] = owner.data();
     // Brings sums of normals near 1.
     let scale = seeds.len() as f64;
@@ -70,8 +68,6 @@ pub fn smoothed(
         let near = near.of(owner_data[i]).iter().map(|&cell| &cells[cell as usize]);
         smooth_normal(&node, near, factor)
     })?;
-    drop(owner);
-    context.work.remove(&format!("{owner_file}.partial"));
     array.finish(false)
 }
 

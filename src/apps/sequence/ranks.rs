@@ -114,8 +114,7 @@ fn search_ranks(
         scatter.put(&mut out, v, rank as u32)?;
     }
     out.finish()?;
-    drop((met.finish(false)?, queue.finish(false)?));
-    ["queue.tmp", "met.tmp"].iter().for_each(|name| context.work.remove(name));
+    drop((met, queue));
     scatter.finish()
 }
 

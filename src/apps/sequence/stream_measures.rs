@@ -106,8 +106,6 @@ impl StreamMeasures {
             active -= u64::from(pair[1]);
         }
         self.mean_width = sum as f64 / faces.max(1) as f64;
-        drop(array.finish(false)?);
-        context.work.remove("front.tmp");
         Ok(())
     }
 
@@ -136,8 +134,6 @@ impl StreamMeasures {
         }
         self.mean_face_span = sum as f64 / faces.max(1) as f64;
         self.profile = rank.iter().zip(least.iter()).map(|(&rank, &least)| u64::from(rank - least)).sum();
-        drop(array.finish(false)?);
-        context.work.remove("least.tmp");
         Ok(())
     }
 }
