@@ -15,6 +15,7 @@
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::random::{stratified, stream, unit};
+use crate::base::vector::unit as unit_vector;
 use crate::graph::components::ComponentTable;
 use crate::graph::{DualGraph, Node, NodeGeometry, NodeView};
 use crate::store::npy::ArrayMut;
@@ -274,8 +275,7 @@ impl SurfaceSum {
 
     /// The mean direction, of length 1 or 0.
     pub fn direction(&self) -> [f64; 3] {
-        let length = self.normal.iter().map(|x| x * x).sum::<f64>().sqrt();
-        self.normal.map(|x| if length > 0. { x / length } else { 0. })
+        unit_vector(self.normal)
     }
 }
 

@@ -78,13 +78,11 @@ impl WeightedPoints<'_> {
     }
 }
 
-/// Squared distances from one centre to the points of a chunk.
-fn squares(points: WeightedPoints<'_>, range: std::ops::Range<usize>, centre: &[f32], out: &mut [f32]) {
+/// Squared distances (s) from one centre to the points.
+fn squares(points: WeightedPoints<'_>, centre: &[f32], out: &mut [f32]) {
     out.fill(0.);
     for (row, &c) in points.coordinates.chunks_exact(points.len()).zip(centre) {
-        for (d, &x) in out.iter_mut().zip(&row[range.clone()]) {
-            *d += (x - c) * (x - c);
-        }
+        add_squares(out, c, row);
     }
 }
 
@@ -229,7 +227,7 @@ fn seed_centres(points: WeightedPoints<'_>, dimensions: usize, k: usize, purpose
         for _ in 0..candidates {
             let j = weighted(&sums, &mut draw);
             let centre: Vec<f32> = points.point(j).collect();
-            squares(points, 0..s, &centre, &mut trial);
+            squares(points, &centre, &mut trial);
             let cost: f64 = (0..s).map(|i| points.weights[i] * f64::from(trial[i].min(near[i]))).sum();
             if best.is_none_or(|(least, _)| cost < least) {
                 best = Some((cost, j));
