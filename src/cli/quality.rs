@@ -172,7 +172,7 @@ pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
         }
         if args.embedding {
             let (sampling, seed) = (params.samplings[0], params.seeds[0]);
-            errors.push(embedding_errors(&ground, &params, sampling, seed, 6, &run)?);
+            errors.push(embedding_errors(&ground, &params, sampling, seed, &run)?);
         } else {
             records.extend(compare(&ground, &name, &params, Context::new(&work, &run))?);
         }

@@ -365,16 +365,6 @@ pub(super) fn narrow(class: u32) -> u16 {
     u16::try_from(class).unwrap_or(u16::MAX)
 }
 
-/// The [`narrow`] class of each node (n) as an array `name`.
-///
-/// # Errors
-/// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
-pub fn as_u16(class: &[u32], name: &str, context: Context<'_>) -> Result<MappedSlice<u16>> {
-    let mut array = context.work.array::<u16>(name, &[class.len()])?;
-    context.run.fill_each(array.data(), CHUNK, |i, _| narrow(class[i]))?;
-    array.finish(false)
-}
-
 #[cfg(test)]
 mod tests {
     use super::{AreaShares, SEEDS_PER_BLOCK};

@@ -12,7 +12,7 @@
 //! Cost: one front, 8 bytes per face while it runs and 2 that are kept, and one pass over the graph; then one
 //! sequential pass per row, which reads 10 bytes per face: cell, share and distance.
 
-use super::area_shares::{AreaShares, SurfaceSum, as_u16, spread_seeds, surface_sums};
+use super::area_shares::{AreaShares, SurfaceSum, narrow, spread_seeds, surface_sums};
 use super::mirror::{PointSet, SurfacePoint, paired_seeds};
 use super::normals::{Normals, dihedral_angle};
 use super::parts::CellGraph;
@@ -92,8 +92,9 @@ impl Cells {
         }
         context.work.remove("cell_weights.npy");
         let graph = cell_graph(graph, shares, normals, owner.data(), seeds, context.run)?;
-        let of_node = as_u16(owner.data(), OF_FACE, context)?;
-        Ok(Self { of_node, graph })
+        let mut of_node = context.work.array::<u16>(OF_FACE, &[n])?;
+        context.run.fill_each(of_node.data(), CHUNK, |i, _| narrow(owner.items()[i]))?;
+        Ok(Self { of_node: of_node.finish(false)?, graph })
     }
 
     /// Number of cells.

@@ -349,7 +349,7 @@ fn exact_norms_agree_with_gamma_and_with_all_of_w() {
 fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let small = small(Metric::Geodesic, 5000);
     let gaussian = CompareParams::default().kernel(Kernel::Gaussian).landmarks(vec![10, 20, 50, 100]);
-    let errors = embedding_errors(&small.ground, &gaussian, Sampling::Farthest, 0, 6, &small.run).unwrap();
+    let errors = embedding_errors(&small.ground, &gaussian, Sampling::Farthest, 0, &small.run).unwrap();
     assert!(errors[1..].iter().all(|e| e.orthogonal < e.plain / 3.), "{errors:?}");
     let bounds = [0.2, 0.05, 0.04, 0.015];
     // Between vertices, through triangles: what a small sample misses is not the paths' zigzag.
@@ -361,7 +361,7 @@ fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let ground = StudyData::of(&opened, &serde_json::json!(1), params, Context::new(&work, &small.run)).unwrap();
     assert_eq!(ground.len(), opened.positions.len());
     let fewer = gaussian.landmarks(vec![20, 50]);
-    let marched = embedding_errors(&ground, &fewer, Sampling::Farthest, 0, 6, &small.run).unwrap();
+    let marched = embedding_errors(&ground, &fewer, Sampling::Farthest, 0, &small.run).unwrap();
     assert!(marched[1].orthogonal < 0.02 && marched[1].by_area < 0.02, "{marched:?}");
     assert!(marched.iter().all(|e| e.by_area < e.plain && e.orthogonal < e.plain), "{marched:?}");
     assert!(errors.iter().zip(bounds).all(|(e, bound)| e.by_area < bound && e.orthogonal < bound), "{errors:?}");
@@ -373,7 +373,7 @@ fn embeddings_are_of_the_landmarks_that_are_asked_for() {
     let small = small(Metric::Geodesic, 5000);
     let errors = |sampling, landmarks: &[usize], kernel| {
         let params = CompareParams::default().landmarks(landmarks.to_vec()).gamma_kernel(kernel);
-        embedding_errors(&small.ground, &params, sampling, 0, 6, &small.run).unwrap()[0].plain
+        embedding_errors(&small.ground, &params, sampling, 0, &small.run).unwrap()[0].plain
     };
     let centroids = |landmarks| errors(Sampling::Centroids, landmarks, Kernel::Exponential);
     assert_eq!(centroids(&[10, 20]), centroids(&[10]));

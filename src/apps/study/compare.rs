@@ -149,7 +149,7 @@ pub struct SampleRecord {
     pub landmarks: Vec<u32>,
 }
 
-/// Maximum number of eigenvectors that [`SampleRecord::exact`] compares.
+/// Maximum number of eigenvectors that are compared with true ones.
 pub const VECTORS: usize = 6;
 
 /// Runs the comparison on `ground`, the mesh called `mesh`: one record per sampling, number of landmarks and seed. More
@@ -365,8 +365,8 @@ pub struct EmbeddingError {
     pub negative_share: f64,
 }
 
-/// The errors of `d` coordinates for each number of landmarks in `params`, with its kernel and width; landmarks are
-/// those of `sampling` under `seed`, which may use its kernel of Γ.
+/// The errors of [`VECTORS`] coordinates for each number of landmarks in `params`, with its kernel and width; landmarks
+/// are those of `sampling` under `seed`, which may use its kernel of Γ.
 ///
 /// # Errors
 /// [`Error::Parameter`] if `ground` does not have all distances, or for local widths; [`Error::Cancelled`].
@@ -375,7 +375,6 @@ pub fn embedding_errors(
     params: &CompareParams,
     sampling: Sampling,
     seed: u64,
-    d: usize,
     run: &Run,
 ) -> Result<Vec<EmbeddingError>> {
     let (kernel, sizes) = (params.kernel, &params.landmarks);
@@ -393,7 +392,7 @@ pub fn embedding_errors(
     let ones = vec![1.; n];
     let truth = |weights: &[f64]| {
         let w = DMatrix::from_fn(n, n, |i, j| affinity(i, j) * (weights[i] * weights[j]).sqrt());
-        let (values, mut vectors) = leading(&w, d);
+        let (values, mut vectors) = leading(&w, VECTORS);
         for (mut column, value) in vectors.column_iter_mut().zip(&values) {
             column *= value.max(0.).sqrt();
         }
@@ -424,7 +423,7 @@ pub fn embedding_errors(
             let weigh = weigh.as_ref().map(|weigh| weigh as NodeWeight<'_>);
             let y = NystromExtension::fit(
                 &block,
-                ExtensionParams::new(how, d, tolerance).scaled(Scaling::Root),
+                ExtensionParams::new(how, VECTORS, tolerance).scaled(Scaling::Root),
                 weigh,
                 run,
             )?
