@@ -7,6 +7,7 @@ use super::colours::colours_for;
 use super::open_labels;
 use crate::base::{Error, Result};
 use crate::mesh::ply::ElementKind;
+use crate::mesh::ply::labelled::GREY;
 use crate::mesh::ply::names::names_of;
 use crate::mesh::{Mesh, UNLABELLED};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
@@ -79,7 +80,7 @@ impl LabelledFaces {
             })?;
         }
         let names = names_of(document, parts.min(MOST));
-        let colours = uniform.then(|| colours.into_iter().map(|colour| colour.unwrap_or([128; 3])).collect());
+        let colours = uniform.then(|| colours.into_iter().map(|colour| colour.unwrap_or(GREY)).collect());
         Ok(Some(Self { labels: writer.finish(false)?, names, colours }))
     }
 

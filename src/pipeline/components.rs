@@ -8,7 +8,7 @@
 //! bytes per component in arrays of the work directory. Parts themselves (names, colours, reports) are not out of core:
 //! each takes a kilobyte.
 
-use super::labels::{self, Clustered, LABELS, QUALITY, SegmentStats};
+use super::labels::{self, BYTES_PER_PART, Clustered, LABELS, QUALITY, SegmentStats};
 use super::params::{SegmentParams, TinyComponents};
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
@@ -19,8 +19,6 @@ use crate::store::needs::BESIDE_BUDGET;
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, Run};
 
-/// Bytes that a part takes in reports and in the record of the work directory (measured).
-const PART: u64 = 1100;
 const CHUNK: usize = 1 << 15;
 
 /// Labels every face of `graph` with the number of its component. Tiny ones share the last number if `params` gives
@@ -68,7 +66,7 @@ impl Ranked {
         let least = if tiny == TinyComponents::Own { tiny_below(total, area_of(order[0])) } else { 0. };
         let large = order.partition_point(|&component| area_of(component) >= least);
         let parts = large + usize::from(large < count);
-        let bytes = (PART * parts as u64).saturating_sub(BESIDE_BUDGET);
+        let bytes = (BYTES_PER_PART * parts as u64).saturating_sub(BESIDE_BUDGET);
         let remedy = "let tiny components share a part: `tiny_components` own";
         let _room = context.run.budget.take_or("so many components as parts", bytes, remedy)?;
         let mut numbers = SegmentStats { faces: vec![0; parts], area: vec![0.; parts], ..SegmentStats::default() };

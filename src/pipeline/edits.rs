@@ -13,6 +13,7 @@ use crate::cluster::parts::cell_graph::compact;
 use crate::cluster::parts::hints::{Affinities, Conflict, Hints};
 use crate::cluster::parts::{PartCount, PartTree, TreeCut};
 use crate::graph::NodeOrder;
+use crate::mesh::ply::labelled::GREY;
 use crate::store::Run;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -67,8 +68,6 @@ impl PartMarks {
 
 /// The name of dropped parts.
 const DROPPED: &str = "dropped";
-/// The colour of dropped parts.
-const DROPPED_COLOUR: [u8; 3] = [128; 3];
 
 impl Corrections<'_> {
     /// Whether there is nothing to correct.
@@ -556,7 +555,7 @@ impl<'a> State<'a> {
         marks.colours = map_of(self.colours.iter().filter_map(|(part, &rgb)| Some((*number.get(part)?, rgb))));
         if parts > count {
             marks.names[count] = DROPPED.into();
-            marks.colours.insert(count as u32, DROPPED_COLOUR);
+            marks.colours.insert(count as u32, GREY);
         }
         let label = self.label.iter().map(|part| number[part]).collect();
         (TreeCut { label, parts }, marks)

@@ -18,6 +18,7 @@ use crate::graph::order::OrderFacts;
 use crate::graph::{DualGraph, GraphFacts, NodeOrder};
 use crate::landmarks::Sampling;
 use crate::mesh::Labelling;
+use crate::mesh::ply::labelled::GREY;
 use crate::store::manifest::{MANIFEST, StageRecord};
 use crate::store::stage::{Stage, StageKey};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
@@ -45,8 +46,8 @@ pub const LABELS_VERSION: u32 = 8
     + Contraction::VERSION;
 /// A note, if tiny components should form a part of their own.
 pub(super) const NO_TINY_COMPONENTS: &str = "there are no tiny components, so no label stands for them";
-/// The colour of tiny components that form a part of their own.
-const TINY_COMPONENTS_COLOUR: [u8; 3] = [128; 3];
+/// Bytes that a part takes in reports and in the record of the work directory (measured).
+pub(super) const BYTES_PER_PART: u64 = 1100;
 
 /// Numbers from the stages for the report.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -222,7 +223,7 @@ pub(super) fn label(
     let quality = order.restore(QUALITY, clustered.quality, context)?;
     let mut colours = colours::assign(numbers.faces.len(), &pairs);
     if let Some(tiny_components) = numbers.tiny_components_label {
-        colours[tiny_components as usize] = TINY_COMPONENTS_COLOUR;
+        colours[tiny_components as usize] = GREY;
     }
     let PartMarks { mut names, colours: own, edits, corrected, decision } = clustered.marks;
     for (&part, &colour) in &own {

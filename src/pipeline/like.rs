@@ -7,12 +7,12 @@
 //! Cost: that of the transfer or the matching, and one pass over the faces.
 
 use super::correspond::{CorrespondParams, correspond, default_landmarks_for_vertices};
-use super::labels::{self, LABELS, SegmentedMesh};
+use super::labels::{self, BYTES_PER_PART, LABELS, SegmentedMesh};
 use crate::apps::correspond::Match;
 use crate::apps::transfer::transfer;
 use crate::base::tally::tally;
 use crate::base::{Error, Result};
-use crate::mesh::ply::labelled::colour_of;
+use crate::mesh::ply::labelled::{GREY, colour_of};
 use crate::mesh::{Mesh, UNLABELLED};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice, WorkDir};
@@ -24,8 +24,6 @@ const SAME_PLACE: f64 = 0.05;
 /// matched.
 const LEAST_CONFIDENCE: [f64; 2] = [0.95, 0.6];
 const CHUNK: usize = 1 << 16;
-/// Bytes per part in reports and the manifest.
-const BYTES_PER_PART: u64 = 1 << 10;
 
 /// A mesh with the parts to transfer.
 #[derive(Clone, Copy, Debug)]
@@ -224,7 +222,7 @@ pub fn apply_reference_numbering(
     facts.needs_check = facts.confidence < least || facts.ambiguous || !facts.missing.is_empty() || some_unknown;
     result.labels = labels;
     result.colours = (0..parts as u32).map(|part| colour_of(reference.colours, part)).collect();
-    result.colours.resize(all, [128; 3]);
+    result.colours.resize(all, GREY);
     result.names = reference.names.to_vec();
     result.cell_labels = result.cell_labels.iter().map(|&label| number[label as usize]).collect();
     let now = |label: Option<u32>| label.and_then(|label| number.get(label as usize).copied());

@@ -9,15 +9,13 @@ use super::matches::Match;
 use crate::apps::labelled_faces::LabelledFaces;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
-use crate::mesh::ply::labelled::colour_of;
+use crate::mesh::ply::labelled::{GREY, colour_of};
 use crate::mesh::ply::{Column, ElementKind, Scalar};
 use crate::store::{Context, MappedSlice, WorkDir};
 use std::cmp::Reverse;
 
 /// Up to this number of values, each is compared with all others: a face may have millions of corners.
 const FEW: usize = 16;
-/// The colour of anything without a match.
-pub const GREY: [u8; 3] = [128; 3];
 
 /// A property of B on its vertices, ready to be transferred.
 #[derive(Clone, Debug)]
@@ -35,9 +33,9 @@ fn missing(scalar: Scalar) -> f64 {
     if scalar.is_real() { f64::NAN } else { -1. }
 }
 
-/// For each vertex of `mesh` the first face around it, `u32::MAX` if there is none, as the file `name` of `work`.
-fn first_faces(mesh: &Mesh, name: &str, context: Context<'_>) -> Result<MappedSlice<u32>> {
-    let mut array = context.work.array::<u32>(name, &[mesh.positions.len()])?;
+/// For each vertex of `mesh` (n) the first face around it, `u32::MAX` if there is none.
+fn first_faces(mesh: &Mesh, context: Context<'_>) -> Result<MappedSlice<u32>> {
+    let mut array = context.work.array::<u32>("first_faces.npy", &[mesh.positions.len()])?;
     let of = &mut array.data()[..];
     of.fill(u32::MAX);
     context.run.cancel.check()?;
@@ -65,7 +63,7 @@ impl Property {
         property.for_each(context.run, |_, number| writer.push(&[number]))?;
         let mut values = writer.finish(false)?;
         if of == ElementKind::Faces {
-            let faces = first_faces(b, "first_faces.npy", context)?;
+            let faces = first_faces(b, context)?;
             let mut writer = context.work.writer::<f64>("property.npy", 1)?;
             let missing = missing(property.scalar);
             for (k, &face) in faces.iter().enumerate() {
@@ -157,7 +155,7 @@ impl Colours {
         let mut found = found.ok_or_else(|| Error::unusable(b.path(), "has no face property `label`", remedy))?;
         let labels = found.labels.clone();
         let palette = found.colours(b, &labels, context.run)?;
-        let faces = first_faces(b, "first_faces.npy", context)?;
+        let faces = first_faces(b, context)?;
         let label = |face: u32| labels.get(face as usize).map_or(GREY, |&label| colour_of(&palette, label));
         Self::of(faces.iter().map(|&face| label(face)), context.work)
     }

@@ -357,8 +357,6 @@ impl Lines {
 
 // From visible samples to pixels: light, colours, lines, and the box filter over a pixel's samples.
 
-/// The colour of labels without a colour.
-pub(super) const GREY: [u8; 3] = [128; 3];
 /// The colour of a mesh without labels.
 pub(super) const UNLABELLED_COLOUR: [u8; 3] = [0xc9, 0xc3, 0xba];
 

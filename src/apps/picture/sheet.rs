@@ -3,12 +3,13 @@
 use super::camera::{Camera, Extent, Frame, Vec3};
 use super::image::{Image, text_width, write_text};
 use super::raster::Canvas;
-use super::shading::{GREY, Lines, Pixel, View, normals, openness};
+use super::shading::{Lines, Pixel, View, normals, openness};
 use super::vertex_normals::VertexNormals;
 use crate::apps::colours::linear;
 use crate::base::sort::sort_by;
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::mesh::ply::labelled::GREY;
 use crate::store::budget::Grant;
 use crate::store::{Budget, Run};
 

@@ -10,7 +10,7 @@
 use super::document::Document;
 use super::fixed_records::FixedRecords;
 use super::header::{Encoding, Scalar};
-pub use super::labelling::{Labelling, PlyForm, PlyOptions, REPEATED, UNLABELLED, colour_of};
+pub use super::labelling::{GREY, Labelling, PlyForm, PlyOptions, REPEATED, UNLABELLED, colour_of};
 use super::labelling::{VERTEX_PROPERTIES, kept_properties, of_vertices};
 use super::names;
 use super::plain::{Column, PlainPly, colours};

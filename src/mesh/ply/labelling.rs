@@ -73,8 +73,8 @@ pub struct Labelling<'a> {
 
 /// The comment that names the program.
 const REMARK: &[u8] = b"comment labelled by nystrom-stream";
-/// The colour of labels without a colour.
-const GREY: [u8; 3] = [128; 3];
+/// The colour of what has none of its own: labels beyond the colours, faces without a match, parts that were dropped.
+pub const GREY: [u8; 3] = [128; 3];
 /// Greater labels take as many colours in turn: there need not be one for each number up to a label in the billions.
 pub const REPEATED: usize = 1 << 16;
 
