@@ -1,4 +1,4 @@
-//! The sampled block `[A B]` of affinities: its columns, the kept eigenpairs of A, and degrees.
+//! The sampled block `[A B]` of affinities: its columns, the kept eigenpairs of A, and normalisations.
 //!
 //! A block has l rows (landmarks) and n columns in node order, including A's ([`SampledBlock`]). Columns are computed
 //! in chunks and discarded; nothing of the size of the mesh is stored. Cost of a pass: n·l affinities.
@@ -6,12 +6,22 @@
 //! A⁻¹ of eq. 1 and eq. 6 is the pseudo-inverse on the kept eigenpairs ([`KeptEigenpairs`]): A of a Gaussian of
 //! geodesic distances is indefinite, and its small eigenvalues are noise. O(l³).
 //!
-//! D^-½ W D^-½ takes the degrees of the Nyström approximation, d_j = B_jᵀ A⁺ (W 1) ([`Degrees`]): the row sums W 1 of
-//! the landmarks take one pass, d_j then follows from column j. It is a normalisation of [`super::embedding`].
+//! The preprocessing of affinities before the eigenproblem ([`Preprocess`]) is a function of `[A B]`'s columns:
+//! - [`Preprocess::Degree`]: D^-½ W D^-½ with the degrees of the Nyström approximation, d_j = B_jᵀ A⁺ (W 1): the row
+//!   sums W 1 of the landmarks take one pass, d_j then follows from column j.
+//! - [`Preprocess::RowStochastic`]: D⁻¹W is not symmetric; its eigenvectors are D^-½ times those of the above, so
+//!   coordinates are scaled after extrapolation.
+//! - [`Preprocess::Centred`]: kernel PCA centred on the training set, k̃(x_r, y) = k(x_r, y) − mean_s k(x_s, y) −
+//!   mean_s k(x_r, x_s) + mean_st k(x_s, x_t): a function of A and of column y.
+//!
+//! The anchor graph is a normalisation of [`super::embedding`]: it replaces A instead of preparing it.
 
 use super::kernel::Kernel;
-use crate::base::eigen;
+use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::vector::axpy;
+use crate::base::{Result, eigen};
 use crate::distance::DistanceRows;
+use crate::store::Run;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
@@ -28,6 +38,11 @@ pub trait SampledBlock: Sync {
 
     /// Columns `range` of `[A B]` (m of them): row k at `k * m` of `out` (l × m).
     fn columns(&self, range: Range<usize>, out: &mut [f64]);
+
+    /// The factors for the coordinates of the columns `range` after extrapolation; none by default.
+    fn scale(&self, _range: Range<usize>) -> Option<Vec<f64>> {
+        None
+    }
 
     /// Number of landmarks l.
     fn len(&self) -> usize {
@@ -238,7 +253,7 @@ impl KeptEigenpairs {
 }
 
 /// Degrees of the Nyström approximation: that of a column k of `[A B]` is kᵀ `toward`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Degrees {
     /// A⁺ (W 1) (l).
     pub toward: Vec<f64>,
@@ -254,5 +269,123 @@ impl Degrees {
         let floor = 1e-3 * sums.iter().sum::<f64>() / sums.len() as f64;
         let roots = sums.iter().map(|sum| sum.max(floor).sqrt()).collect();
         Self { toward: a.solve(sums), floor, roots }
+    }
+}
+
+/// How affinities are preprocessed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Preprocess {
+    /// Nothing.
+    #[default]
+    None,
+    /// Division by the square roots of both degrees.
+    Degree,
+    /// Division by the degree of the row.
+    RowStochastic,
+    /// Double centring.
+    Centred,
+}
+
+/// A block after preprocessing.
+pub struct PreprocessedBlock<'a> {
+    block: &'a dyn SampledBlock,
+    kind: Preprocess,
+    /// Degrees, for the normalisations that divide by them.
+    degrees: Degrees,
+    /// Means of A's rows (l), if columns are centred.
+    means: Vec<f64>,
+    /// Mean of A.
+    mean: f64,
+}
+
+impl<'a> PreprocessedBlock<'a> {
+    /// Prepares `block`. `tolerance`: eigenvalues of A up to this share of the greatest are dropped.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn new(block: &'a dyn SampledBlock, kind: Preprocess, tolerance: f64, run: &Run) -> Result<Self> {
+        let mut prepared = Self { block, kind, degrees: Degrees::default(), means: Vec::new(), mean: 0. };
+        match kind {
+            Preprocess::None => {}
+            Preprocess::Centred => {
+                prepared.means = block.sampled().row_mean().iter().copied().collect();
+                prepared.mean = prepared.means.iter().sum::<f64>() / block.len() as f64;
+            }
+            Preprocess::Degree | Preprocess::RowStochastic => {
+                let sums = row_sums(block, run)?;
+                prepared.degrees = Degrees::of(&KeptEigenpairs::of(block.sampled(), tolerance), &sums);
+            }
+        }
+        Ok(prepared)
+    }
+
+    /// Degrees of the m columns in `columns` (l × m).
+    fn degrees(&self, m: usize, columns: &[f64]) -> Vec<f64> {
+        let mut degrees = vec![0.; m];
+        for (row, c) in columns.chunks_exact(m).zip(&self.degrees.toward) {
+            axpy(&mut degrees, *c, row);
+        }
+        degrees.iter_mut().for_each(|d| *d = d.max(self.degrees.floor));
+        degrees
+    }
+}
+
+/// W 1 for the landmarks (l): one pass.
+fn row_sums(block: &dyn SampledBlock, run: &Run) -> Result<Vec<f64>> {
+    let (l, n) = (block.len(), block.nodes());
+    let parts = run.map_chunks(chunk_count(n, CHUNK), Vec::new, |k, out: &mut Vec<f64>| {
+        let range = chunk_range(n, CHUNK, k);
+        out.resize(l * range.len(), 0.);
+        block.columns(range.clone(), out);
+        Ok(out.chunks_exact(range.len()).map(|row| row.iter().sum()).collect::<Vec<f64>>())
+    })?;
+    Ok((0..l).map(|k| parts.iter().map(|part| part[k]).sum()).collect())
+}
+
+impl SampledBlock for PreprocessedBlock<'_> {
+    fn landmarks(&self) -> &[u32] {
+        self.block.landmarks()
+    }
+
+    fn nodes(&self) -> usize {
+        self.block.nodes()
+    }
+
+    fn columns(&self, range: Range<usize>, out: &mut [f64]) {
+        let m = range.len();
+        self.block.columns(range, out);
+        match self.kind {
+            Preprocess::None => {}
+            Preprocess::Centred => {
+                let mut means = vec![0.; m];
+                for row in out.chunks_exact(m) {
+                    means.iter_mut().zip(row).for_each(|(mean, w)| *mean += w / self.means.len() as f64);
+                }
+                for (row, own) in out.chunks_exact_mut(m).zip(&self.means) {
+                    row.iter_mut().zip(&means).for_each(|(w, mean)| *w += self.mean - mean - own);
+                }
+            }
+            Preprocess::Degree | Preprocess::RowStochastic => {
+                let roots: Vec<f64> = self.degrees(m, out).into_iter().map(f64::sqrt).collect();
+                for (row, own) in out.chunks_exact_mut(m).zip(&self.degrees.roots) {
+                    row.iter_mut().zip(&roots).for_each(|(w, root)| *w /= own * root);
+                }
+            }
+        }
+    }
+
+    fn scale(&self, range: Range<usize>) -> Option<Vec<f64>> {
+        let inner = self.block.scale(range.clone());
+        if self.kind != Preprocess::RowStochastic {
+            return inner;
+        }
+        let m = range.len();
+        let mut out = vec![0.; self.len() * m];
+        self.block.columns(range, &mut out);
+        let mut scale: Vec<f64> = self.degrees(m, &out).into_iter().map(|d| 1. / d.sqrt()).collect();
+        if let Some(inner) = inner {
+            scale.iter_mut().zip(inner).for_each(|(s, i)| *s *= i);
+        }
+        Some(scale)
     }
 }

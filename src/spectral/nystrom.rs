@@ -1,6 +1,6 @@
 //! Nyström's extension of eigenvectors from the sample to all nodes, as a linear map of a column of `[A B]`.
 //!
-//! [`NystromExtension`] combines any of three extrapolations with either of two scalings, in `f64`:
+//! [`NystromExtension`] combines any of three extrapolations with any of three scalings, in `f64`:
 //! - [`Extrapolation::Plain`]: eq. 1–2, ȳ_j = Λ⁻¹ Uᵀ B_j on the kept eigenpairs of A.
 //! - [`Extrapolation::Kpca`]: the features of kernel PCA, eq. 4, ỹ_j = Λ^-½ Uᵀ B_j: eq. 2 times λ^½.
 //! - [`Extrapolation::Orthogonal`]: one-shot orthogonalisation. With F = WᵣᵀUΛ^-½ over all nodes and node weights m
@@ -50,6 +50,8 @@ pub enum Extrapolation {
 pub enum Scaling {
     /// λ^½: distances in the embedding equal those in feature space.
     Root,
+    /// λ^-½.
+    InverseRoot,
     /// Nothing.
     #[default]
     None,
@@ -59,6 +61,7 @@ impl Scaling {
     fn of(self, value: f64) -> f64 {
         match self {
             Self::Root => value.sqrt(),
+            Self::InverseRoot => 1. / value.sqrt(),
             Self::None => 1.,
         }
     }
@@ -168,10 +171,15 @@ impl NystromExtension {
 
     /// Coordinates of the nodes in `range` (m × d).
     pub fn chunk(&self, block: &dyn SampledBlock, range: Range<usize>) -> DMatrix<f64> {
-        let m = range.len();
-        let mut columns = vec![0.; block.len() * m];
-        block.columns(range, &mut columns);
-        DMatrix::from_vec(m, block.len(), columns) * &self.map
+        let mut columns = vec![0.; block.len() * range.len()];
+        block.columns(range.clone(), &mut columns);
+        let mut y = DMatrix::from_vec(range.len(), block.len(), columns) * &self.map;
+        if let Some(scale) = block.scale(range) {
+            for (mut row, scale) in y.row_iter_mut().zip(scale) {
+                row *= scale;
+            }
+        }
+        y
     }
 }
 

@@ -9,7 +9,8 @@ use nystrom_stream::apps::study::summary::summary;
 use nystrom_stream::apps::study::{CompareParams, SampleRecord, StudyWidth, compare};
 use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::{MatrixSpace, Sampler, Sampling, SamplingParams};
-use nystrom_stream::spectral::affinity::{AffinityBlock, Bandwidth, DenseBlock, KeptEigenpairs, SampledBlock};
+use nystrom_stream::spectral::affinity::{AffinityBlock, Bandwidth, DenseBlock, SampledBlock};
+use nystrom_stream::spectral::affinity::{KeptEigenpairs, Preprocess, PreprocessedBlock};
 use nystrom_stream::spectral::kernel::Kernel;
 use nystrom_stream::spectral::measures::measure;
 use nystrom_stream::spectral::measures::{aligned_error, angles, exact, leading};
@@ -85,6 +86,7 @@ fn kernel_pca_is_nystrom_times_the_root_of_the_eigenvalues() {
     assert!(near(&fit(Extrapolation::Plain, Scaling::None).embed(&block), &eq2, 1e-9));
     assert!(near(&fit(Extrapolation::Kpca, Scaling::None).embed(&block), &eq4, 1e-9));
     assert!(near(&fit(Extrapolation::Plain, Scaling::Root).embed(&block), &eq4, 1e-9));
+    assert!(near(&fit(Extrapolation::Kpca, Scaling::InverseRoot).embed(&block), &eq2, 1e-9));
     // Eq. 1: the samples' own coordinates are A's eigenvectors.
     for (i, &node) in landmarks.iter().enumerate() {
         for d in 0..6 {
@@ -131,6 +133,44 @@ fn orthogonalised_vectors_are_the_eigenvectors_of_the_approximation() {
     let ones = vec![1.; 500];
     let rotated = &truth * DMatrix::from_fn(5, 5, |i, j| if (i + 1) % 5 == j { 1. } else { 0. });
     assert!(aligned_error(&truth, &rotated, &ones) < 1e-9);
+}
+
+#[test]
+fn preprocessing_of_columns_equals_that_of_whole_matrices() {
+    let (points, [landmarks, _]) = reference();
+    let w = affinities(&points[..300]);
+    let landmarks: Vec<u32> = landmarks.into_iter().filter(|&i| i < 300).collect();
+    let (block, run) = (dense(&w, &landmarks), Run::new(&()));
+    let whole = |block: &dyn SampledBlock| {
+        let mut out = vec![0.; block.len() * block.nodes()];
+        block.columns(0..block.nodes(), &mut out);
+        DMatrix::from_vec(block.nodes(), block.len(), out).transpose()
+    };
+    let prepared = |kind| PreprocessedBlock::new(&block, kind, TOLERANCE, &run).unwrap();
+    assert_eq!(whole(&prepared(Preprocess::None)), block.rows);
+    // Degrees of the approximation, by forming it.
+    let approximation = nystrom_stream::spectral::measures::approximation(&block, TOLERANCE);
+    let ones = nalgebra::DVector::from_element(300, 1.);
+    let degrees = &approximation * &ones;
+    let expected = DMatrix::from_fn(landmarks.len(), 300, |k, j| {
+        let own: f64 = w.row(landmarks[k] as usize).sum();
+        w[(landmarks[k] as usize, j)] / (own * degrees[j].max(1e-3 * 100.)).sqrt()
+    });
+    assert!(near(&whole(&prepared(Preprocess::Degree)), &expected, 1e-6));
+    // Rows of D⁻¹W: its leading eigenvector is constant.
+    let stochastic = prepared(Preprocess::RowStochastic);
+    let fit =
+        NystromExtension::fit(&stochastic, ExtensionParams::new(Extrapolation::Orthogonal, 1, TOLERANCE), None, &run)
+            .unwrap();
+    let y = fit.embed(&stochastic);
+    assert!((y.max() - y.min()).abs() < 0.02 * y.amax(), "{} {}", y.min(), y.max());
+    // Centring on the training set: features of the landmarks have no mean.
+    let centred = whole(&prepared(Preprocess::Centred));
+    for j in 0..300 {
+        assert!(centred.column(j).sum().abs() < 1e-9);
+    }
+    let rows: f64 = landmarks.iter().map(|&j| centred[(0, j as usize)]).sum();
+    assert!(rows.abs() < 1e-9);
 }
 
 #[test]
