@@ -110,8 +110,8 @@ impl WorkDir {
             Lock::Held(held) => Some(held),
             Lock::Unsupported => None,
         };
-        let manifest = match std::fs::read_to_string(&manifest_path) {
-            Ok(text) => serde_json::from_slice::<Manifest>(text.as_bytes()).map_err(|error| {
+        let manifest = match std::fs::read(&manifest_path) {
+            Ok(text) => serde_json::from_slice::<Manifest>(&text).map_err(|error| {
                 Error::work_dir(&manifest_path, format!("cannot be read: {error}"), "delete the work directory")
             })?,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Manifest::new(),

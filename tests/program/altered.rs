@@ -390,3 +390,18 @@ fn files_of_a_manifest_lie_in_its_folder() {
         assert!(said.contains("manifest.json") && said.contains("../secret.npy"), "{command}: {said}");
     }
 }
+
+/// A manifest that is not UTF-8 was told as a file that cannot be read, without what to do.
+#[test]
+fn a_manifest_of_any_bytes_is_named_with_what_to_do() {
+    let dir = in_memory();
+    let work = dir.path().join("work");
+    std::fs::create_dir(&work).unwrap();
+    for bytes in [&b"{\"format\": \xff"[..], b"{", b"\0"] {
+        std::fs::write(work.join("manifest.json"), bytes).unwrap();
+        let output = run(&["info", "--work-dir", word(&work)]);
+        let said = errors(&output);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains("manifest.json") && said.contains("delete the work directory"), "{said}");
+    }
+}

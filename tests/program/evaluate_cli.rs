@@ -128,6 +128,8 @@ fn what_is_wrong_is_said_in_one_line() {
     let dir = folder();
     std::fs::write(dir.path().join("short.seg"), "1\n2\n").unwrap();
     std::fs::create_dir(dir.path().join("empty")).unwrap();
+    std::fs::create_dir(dir.path().join("latin")).unwrap();
+    std::fs::write(dir.path().join("latin/models.tsv"), b"model\tcategory\n1\th\xfcgel\n").unwrap();
     for (arguments, expected, part) in [
         ("evaluate short.seg --mesh 1.ply --truth 1_0.seg", 1, "short.seg: has 2 labels for 240 faces"),
         ("evaluate ours/1.seg --mesh 1.ply --truth 2_0.seg", 1, "2_0.seg: has 360 labels"),
@@ -147,6 +149,8 @@ fn what_is_wrong_is_said_in_one_line() {
         ("evaluate --benchmark . empty", 1, "has no labels of any model"),
         ("evaluate --benchmark . nowhere", 1, "nowhere"),
         ("evaluate --benchmark empty ours", 1, "models.tsv"),
+        // Regression: the text of the system's error, without a remedy.
+        ("evaluate --benchmark latin ours", 1, "models.tsv: is not UTF-8; save it as UTF-8"),
         ("evaluate --benchmark . ours --plot t.txt", 2, "use .svg or .png"),
     ] {
         let (out, err, code) = outcome(dir.path(), &format!("{arguments} --quiet"));

@@ -57,10 +57,12 @@ impl Benchmark {
     /// Opens the benchmark in `folder`.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Malformed`] if `models.tsv` lacks a column or lists no model.
+    /// [`Error::Io`]; [`Error::Malformed`] if `models.tsv` lacks a column; [`Error::Unusable`] if it is not UTF-8 or
+    /// names no model.
     pub fn open(folder: &Path) -> Result<Self> {
         let path = folder.join("models.tsv");
-        let text = std::fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
+        let text = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
+        let text = String::from_utf8(text).map_err(|_| Error::unusable(&path, "is not UTF-8", "save it as UTF-8"))?;
         let mut lines = text.lines().map(|line| line.split('\t').collect::<Vec<_>>());
         let head = lines.next().unwrap_or_default();
         let column = |name| {
