@@ -338,7 +338,9 @@ fn a_folder_that_cannot_be_listed_fails_and_the_rest_is_done() {
     [dir.path(), &open].into_iter().for_each(|folder| mode(folder, 0o777));
     // Permissions bind everybody but root, and the program may lie where only root can look.
     let there = dir.path().join("program");
-    std::fs::copy(program().get_program(), &there).unwrap();
+    // By another process: while this one has the copy open for writing, a program that another test starts inherits it for a moment,
+    // and a file that is open for writing cannot be run.
+    assert!(std::process::Command::new("cp").arg(program().get_program()).arg(&there).status().unwrap().success());
     mode(&closed, 0);
     let is_root = std::fs::read_dir(&closed).is_ok();
     let cut = |mesh: &Path, option: &str| {
