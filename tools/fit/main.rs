@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trees::{Score, Trees};
 
-/// Parts of the categories, each judged by constants fitted to the others.
+/// Parts of the categories, each judged by trees fitted to the others.
 const FOLDS: usize = 5;
 
 /// Prepare and judge fits of the decision to a benchmark.
@@ -59,6 +59,35 @@ struct Arguments {
     /// Exponent of the convexity in the order of merges.
     #[arg(long, default_value_t = MergeModel::default().convexity_power)]
     convexity_power: f64,
+    /// Exponent of the odds in the order of merges.
+    #[arg(long, default_value_t = MergeModel::default().odds_power)]
+    odds_power: f64,
+    /// The odds that order the merges of the examples: those in this folder that were fitted to other categories, instead of
+    /// those in use.
+    #[arg(long)]
+    order: Option<PathBuf>,
+}
+
+impl Arguments {
+    /// The model of merges with these exponents and `odds`.
+    fn model(&self, odds: Cow<'static, BoostedTrees>) -> MergeModel {
+        let Self { area_power, convexity_power, odds_power, .. } = *self;
+        MergeModel { area_power, convexity_power, odds_power, odds }
+    }
+
+    /// The same with the trees in the file `name` of `folder`.
+    fn read(&self, folder: &Path, name: &str) -> Result<MergeModel> {
+        let path = folder.join(name);
+        let text = std::fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
+        let odds = BoostedTrees::parse(&text)
+            .ok_or_else(|| Error::unusable(&path, "is not a file of trees", "make it with tools/fit/boost.py"))?;
+        Ok(self.model(Cow::Owned(odds)))
+    }
+
+    /// Those of `folder` that were fitted to the other four fifths of the categories.
+    fn folds(&self, folder: &Path) -> Result<Vec<MergeModel>> {
+        (0..FOLDS).map(|k| self.read(folder, &format!("fold-{k}.json"))).collect()
+    }
 }
 
 /// A model under a seed: which of the benchmark's it is, and its trees.
@@ -66,15 +95,6 @@ struct Grown {
     model: usize,
     seed: u64,
     trees: Trees,
-}
-
-/// The trees in the file `name` of `folder`.
-fn trees(folder: &Path, name: &str) -> Result<MergeModel> {
-    let path = folder.join(name);
-    let text = std::fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
-    let odds = BoostedTrees::parse(&text)
-        .ok_or_else(|| Error::unusable(&path, "is not a file of trees", "make it with tools/fit/boost.py"))?;
-    Ok(MergeModel { odds: Cow::Owned(odds), ..MergeModel::default() })
 }
 
 /// Writes the examples of all models, a row each.
@@ -92,18 +112,37 @@ fn write_examples(path: &Path, all: &[Grown], models: &[data::Model]) -> Result<
     Ok(())
 }
 
-/// The mean over seeds and models, and over each half, of parts by the constants that `of` gives for a model.
+/// All models under all seeds, each merged by what `of` gives for it.
+fn grown<'a>(
+    arguments: &Arguments,
+    models: &[data::Model],
+    of: impl Fn(&data::Model) -> &'a MergeModel + Sync,
+    run: &Run,
+) -> Result<Vec<Grown>> {
+    let mut all = Vec::new();
+    for seed in 0..arguments.seeds {
+        let data = data::collect(&arguments.benchmark, models, &arguments.cache, seed, run)?;
+        let data: Vec<_> = data.into_iter().map(|data| std::sync::Mutex::new(Some(data))).collect();
+        let grow = |k: usize, (): &mut ()| {
+            let data = data[k].lock().ok().and_then(|mut data| data.take());
+            data.map(|data| Trees::grow(data, of(&models[k]), arguments.ensemble, seed)).transpose()
+        };
+        let grown = run.map_chunks(models.len(), || (), grow)?.into_iter().enumerate();
+        all.extend(grown.filter_map(|(model, trees)| Some(Grown { model, seed, trees: trees? })));
+    }
+    Ok(all)
+}
+
+/// The mean over seeds and models, and over each half, of parts by the trees that `of` gives for a model.
 fn judge<'a>(
     name: &str,
-    all: &[Grown],
+    arguments: &Arguments,
     models: &[data::Model],
-    of: impl Fn(usize) -> &'a MergeModel + Sync,
+    of: impl Fn(&data::Model) -> &'a MergeModel + Sync,
     run: &Run,
 ) -> Result<()> {
-    let one = |k: usize, (): &mut ()| {
-        let Grown { model, trees, .. } = &all[k];
-        trees.score(&|m: &[f64; FEATURES]| of(*model).probability(m), models[*model].parts)
-    };
+    let all = grown(arguments, models, of, run)?;
+    let one = |k: usize, (): &mut ()| all[k].trees.score(models[all[k].model].parts);
     let scores = run.map_chunks(all.len(), || (), one)?;
     let mean = |chosen: &dyn Fn(&data::Model) -> bool| {
         let some: Vec<&Score> =
@@ -119,35 +158,25 @@ fn judge<'a>(
 fn fit(arguments: &Arguments) -> Result<()> {
     let run = Run::new(&());
     let models = data::models(&arguments.benchmark)?;
-    let order = MergeModel {
-        area_power: arguments.area_power,
-        convexity_power: arguments.convexity_power,
-        ..MergeModel::default()
-    };
-    let mut all = Vec::new();
-    for seed in 0..arguments.seeds {
-        let data = data::collect(&arguments.benchmark, &models, &arguments.cache, seed, &run)?;
-        let data: Vec<_> = data.into_iter().map(|data| std::sync::Mutex::new(Some(data))).collect();
-        let grow = |k: usize, (): &mut ()| {
-            let data = data[k].lock().ok().and_then(|mut data| data.take());
-            data.map(|data| Trees::grow(data, &order, arguments.ensemble, seed)).transpose()
-        };
-        let grown = run.map_chunks(models.len(), || (), grow)?.into_iter().enumerate();
-        all.extend(grown.filter_map(|(model, trees)| Some(Grown { model, seed, trees: trees? })));
-    }
+    let now = arguments.model(MergeModel::default().odds);
     if let Some(path) = &arguments.examples {
-        write_examples(path, &all, &models)?;
+        let all = match &arguments.order {
+            Some(folder) => {
+                let folds = arguments.folds(folder)?;
+                grown(arguments, &models, |m| &folds[m.category % FOLDS], &run)?
+            }
+            None => grown(arguments, &models, |_| &now, &run)?,
+        };
+        return write_examples(path, &all, &models);
     }
     println!("1 - Rand, found / given       half A            half B            all");
-    let now = MergeModel::default();
-    judge("in use", &all, &models, |_| &now, &run)?;
-    let Some(folder) = &arguments.judge else { return Ok(()) };
-    let whole = trees(folder, "all.json")?;
-    judge("all", &all, &models, |_| &whole, &run)?;
-    let halves = (0..2).map(|k| trees(folder, &format!("half-{k}.json"))).collect::<Result<Vec<_>>>()?;
-    judge("the other half", &all, &models, |k| &halves[models[k].position % 2], &run)?;
-    let folds = (0..FOLDS).map(|k| trees(folder, &format!("fold-{k}.json"))).collect::<Result<Vec<_>>>()?;
-    judge("other categories", &all, &models, |k| &folds[models[k].category % FOLDS], &run)
+    let Some(folder) = &arguments.judge else { return judge("in use", arguments, &models, |_| &now, &run) };
+    let whole = arguments.read(folder, "all.json")?;
+    judge("all", arguments, &models, |_| &whole, &run)?;
+    let halves = (0..2).map(|k| arguments.read(folder, &format!("half-{k}.json"))).collect::<Result<Vec<_>>>()?;
+    judge("the other half", arguments, &models, |m| &halves[m.position % 2], &run)?;
+    let folds = arguments.folds(folder)?;
+    judge("other categories", arguments, &models, |m| &folds[m.category % FOLDS], &run)
 }
 
 fn main() -> ExitCode {

@@ -1,4 +1,4 @@
-//! The members' trees of a model: what people make of each merge, and the parts that any constants lead to.
+//! The members' trees of a model: what people make of each merge, and the parts that they lead to.
 
 use super::data::{Data, Overlap};
 use nystrom_stream::base::Result;
@@ -53,7 +53,7 @@ impl Trees {
         let (ensemble, measured) = measured_ensemble(&data.cells, rows, count, &run)?;
         let mut examples = Vec::new();
         let grow = |m: &OverSegmentation| {
-            let merges = merges(measured.regions(&data.cells, &m.region, m.regions, m.width), model, |_, _| false);
+            let merges = merges(measured.regions(&data.cells, &m.region, m.regions, m.width), model, |_| false);
             examples.extend(judged(m, &merges, &data.people));
             Tree { region: measured.superfaces.labels(&m.region), regions: m.regions, merges }
         };
@@ -63,13 +63,11 @@ impl Trees {
         Ok(Trees { cells: data.cells, people: data.people, superfaces, trees, examples })
     }
 
-    /// How good the parts are with `probability` of a merge's features, as many as are found and as many as `parts`.
-    pub fn score(&self, probability: &dyn Fn(&[f64; FEATURES]) -> f64, parts: usize) -> Result<Score> {
+    /// How good the parts are, as many as are found and as many as `parts`.
+    pub fn score(&self, parts: usize) -> Result<Score> {
         let run = Run { threads: 1, ..Run::new(&()) };
         let meet = |tree: &Tree| {
-            let judged = |m: &RegionMerge| RegionMerge { probability: probability(&m.features), ..*m };
-            let merges: Vec<RegionMerge> = tree.merges.iter().map(judged).collect();
-            let blocks = vec![meeting_probability(tree.regions, &merges)];
+            let blocks = vec![meeting_probability(tree.regions, &tree.merges)];
             (tree.region.clone(), MeetingProbabilities { pieces: RegionPieces::whole(tree.regions), blocks })
         };
         let trees: Vec<_> = self.trees.iter().map(meet).collect();

@@ -258,7 +258,7 @@ pub fn co_association(
             let m = &ensemble[k];
             let pieces = RegionPieces::connected(cells, &m.region, m.regions);
             let regions = measured.regions_in_pieces(cells, &m.region, &pieces, m.width);
-            let meet = |r: Regions| meeting_probability(r.len(), &merges(r, model, |_, _| false));
+            let meet = |r: Regions| meeting_probability(r.len(), &merges(r, model, |_| false));
             let blocks = regions.into_iter().map(meet).collect();
             Ok((measured.superfaces.labels(&m.region), MeetingProbabilities { pieces, blocks }))
         },

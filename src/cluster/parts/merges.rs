@@ -23,13 +23,20 @@ pub struct MergeModel {
     pub area_power: f64,
     /// Exponent of the relative convexity in the cost.
     pub convexity_power: f64,
+    /// Exponent of the odds in the order of merges, which is that of cost · odds^this. By 0 odds are not computed.
+    pub odds_power: f64,
     /// Log odds that people keep two regions together, of the [`merge_features`].
     pub odds: Cow<'static, BoostedTrees>,
 }
 
 impl Default for MergeModel {
     fn default() -> Self {
-        MergeModel { area_power: 0.75, convexity_power: 3.0, odds: Cow::Borrowed(BoostedTrees::fitted()) }
+        MergeModel {
+            area_power: 0.75,
+            convexity_power: 3.0,
+            odds_power: 0.0,
+            odds: Cow::Borrowed(BoostedTrees::fitted()),
+        }
     }
 }
 
@@ -40,6 +47,15 @@ impl MergeModel {
         let own = share(i, i, 1e-9) * share(j, j, 1e-9);
         let conv = (share(i, j, 1e-12) / own.sqrt().max(1e-12)).min(1.0);
         log(r.strength[(i, j)]) - self.area_power * log(r.area(i).min(r.area(j))) + self.convexity_power * log(conv)
+    }
+
+    /// Natural logarithm of what determines the order of merges, for regions `i` and `j`: the greater, the sooner.
+    fn log_priority(&self, r: &Regions, i: usize, j: usize) -> f64 {
+        let cost = self.log_cost(r, i, j);
+        if self.odds_power == 0.0 {
+            return cost;
+        }
+        cost + self.odds_power * self.odds.log_odds(&merge_features(r, i, j, cost))
     }
 
     /// Probability that people keep two regions with these [`merge_features`] in one part.
@@ -63,27 +79,27 @@ pub struct RegionMerge {
     pub probability: f64,
 }
 
-/// All merges in order, until no two regions are adjacent or `stop(ln cost, regions left)` returns true.
-pub fn merges(mut r: Regions, model: &MergeModel, mut stop: impl FnMut(f64, usize) -> bool) -> Vec<RegionMerge> {
+/// All merges in order, until no two regions are adjacent or `stop(ln cost)` returns true.
+pub fn merges(mut r: Regions, model: &MergeModel, stop: impl Fn(f64) -> bool) -> Vec<RegionMerge> {
     let n = r.len();
     let mut alive = vec![true; n];
-    let mut cost = Square::from_values(n, vec![f64::NEG_INFINITY; n * n]);
+    let mut priority = Square::from_values(n, vec![f64::NEG_INFINITY; n * n]);
     for i in 0..n {
         for j in (i + 1..n).filter(|&j| r.length[(i, j)] > 0.0) {
-            cost[(i, j)] = model.log_cost(&r, i, j);
+            priority[(i, j)] = model.log_priority(&r, i, j);
         }
     }
     // The greatest entry of each row right of the diagonal; a row is rescanned only when that entry changes.
-    let scan = |cost: &Square, i: usize| {
+    let scan = |priority: &Square, i: usize| {
         let mut best = (f64::NEG_INFINITY, n);
-        for (j, &c) in cost.row(i).iter().enumerate().skip(i + 1) {
+        for (j, &c) in priority.row(i).iter().enumerate().skip(i + 1) {
             if c > best.0 {
                 best = (c, j);
             }
         }
         best
     };
-    let mut best: Vec<(f64, usize)> = (0..n).map(|i| scan(&cost, i)).collect();
+    let mut best: Vec<(f64, usize)> = (0..n).map(|i| scan(&priority, i)).collect();
     let mut out = Vec::new();
     loop {
         let mut top = (f64::NEG_INFINITY, n, n);
@@ -92,28 +108,32 @@ pub fn merges(mut r: Regions, model: &MergeModel, mut stop: impl FnMut(f64, usiz
                 top = (c, i, j);
             }
         }
-        let (c, i, j) = top;
-        if j == n || stop(c, n - out.len()) {
+        let (_, i, j) = top;
+        if j == n {
             return out;
         }
-        let features = merge_features(&r, i, j, c);
-        out.push(RegionMerge { i, j, log_cost: c, features, probability: model.probability(&features) });
+        let log_cost = model.log_cost(&r, i, j);
+        if stop(log_cost) {
+            return out;
+        }
+        let features = merge_features(&r, i, j, log_cost);
+        out.push(RegionMerge { i, j, log_cost, features, probability: model.probability(&features) });
         r.merge(i, j);
         alive[j] = false;
         for k in 0..n {
             for e in [i, j] {
-                cost[(e.min(k), e.max(k))] = f64::NEG_INFINITY;
+                priority[(e.min(k), e.max(k))] = f64::NEG_INFINITY;
             }
         }
         for k in (0..n).filter(|&k| k != i && alive[k] && r.length[(i, k)] > 0.0) {
-            cost[(i.min(k), i.max(k))] = model.log_cost(&r, i, k);
+            priority[(i.min(k), i.max(k))] = model.log_priority(&r, i, k);
         }
         best[j] = (f64::NEG_INFINITY, n);
-        best[i] = scan(&cost, i);
+        best[i] = scan(&priority, i);
         for k in (0..n).filter(|&k| k != i && alive[k]) {
-            let fresh = if k < i { cost[(k, i)] } else { f64::NEG_INFINITY };
+            let fresh = if k < i { priority[(k, i)] } else { f64::NEG_INFINITY };
             if best[k].1 == i || best[k].1 == j {
-                best[k] = scan(&cost, k);
+                best[k] = scan(&priority, k);
             } else if fresh > best[k].0 || (fresh == best[k].0 && fresh > f64::NEG_INFINITY && i < best[k].1) {
                 best[k] = (fresh, i);
             }
@@ -197,10 +217,10 @@ mod tests {
             let labels = RegionLabels { of_cell: &label, of_superface: &label, pieces };
             Regions::gather(&cells, &moments, &sums, labels, 1)
         });
-        let together = meeting_probability(n, &merges(all.remove(0), &model, |_, _| false));
+        let together = meeting_probability(n, &merges(all.remove(0), &model, |_| false));
         assert_eq!(each.len(), strips);
         for (k, regions) in each.into_iter().enumerate() {
-            let own = meeting_probability(long, &merges(regions, &model, |_, _| false));
+            let own = meeting_probability(long, &merges(regions, &model, |_| false));
             let of_strip: Vec<u32> = (k as u32..n as u32).step_by(strips).collect();
             assert_eq!(pieces.regions(k), of_strip);
             for (a, &i) in of_strip.iter().enumerate() {
