@@ -17,6 +17,15 @@ has = Has(
 runpy.run_path(script, init_globals={"snakemake": has})
 "#;
 
+/// Whether Python can be run; tells that the test is skipped if not.
+fn python_is_there() -> bool {
+    let is_there = Command::new("python3").arg("-V").output().is_ok_and(|output| output.status.success());
+    if !is_there {
+        eprintln!("skipped: python3 is not there");
+    }
+    is_there
+}
+
 /// Runs the script of a batch in `folder` with `program`.
 fn batch(folder: &Path, program: &str, names: &[&str]) -> Output {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/workflow/scripts/batch.py");
@@ -28,8 +37,7 @@ fn batch(folder: &Path, program: &str, names: &[&str]) -> Output {
 #[test]
 fn a_batch_fails_where_its_folder_fails_and_goes_on_where_a_mesh_does() {
     use std::os::unix::fs::PermissionsExt;
-    if !Command::new("python3").arg("-V").output().is_ok_and(|output| output.status.success()) {
-        eprintln!("skipped: python3 is not there");
+    if !python_is_there() {
         return;
     }
     let dir = common::in_memory();
@@ -55,8 +63,7 @@ fn a_batch_fails_where_its_folder_fails_and_goes_on_where_a_mesh_does() {
 /// Regression: readers found no mesh in `mesh=a=b`, and missed `mesh=a/b` without an error.
 #[test]
 fn names_of_partitions_are_escaped_as_by_hive() {
-    if !Command::new("python3").arg("-V").output().is_ok_and(|output| output.status.success()) {
-        eprintln!("skipped: python3 is not there");
+    if !python_is_there() {
         return;
     }
     let dir = common::in_memory();
