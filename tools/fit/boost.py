@@ -1,25 +1,26 @@
 #!/usr/bin/env python3
 """Fits the trees that say how probably people keep two regions in one part (src/cluster/parts/merge_odds.rs).
 
-tools/fit/boost.py EXAMPLES.npy [COPIES.npy…] FOLDER
+tools/fit/boost.py -o FOLDER EXAMPLES.npy... [--copies COPIES.npy...]
 
-EXAMPLES.npy comes from `cargo run --release -p nystrom-stream-tools --bin fit -- BENCHMARK --examples EXAMPLES.npy --seeds 4`, COPIES.npy from the same
-with the benchmark that tools/fit/decimated.py makes: the same models in other triangles, which count half. FOLDER gets all.json,
+EXAMPLES.npy comes from `cargo run --release -p nystrom-stream-tools --bin fit -- BENCHMARK --examples EXAMPLES.npy --seeds 4`,
+COPIES.npy from the same with the benchmark that tools/fit/decimated.py makes: the same models in other triangles, which count half.
+Several files of either have the same models merged in other orders (`--odds-power`), and share that weight. FOLDER gets all.json,
 fitted to all models, half-0.json and half-1.json, for judging one half of each category by the other, and fold-0.json to
 fold-4.json, for judging categories by others. Needs LightGBM and NumPy; one thread, so that the same examples give the same
 trees.
 """
 
+import argparse
 import json
 import pathlib
-import sys
 
 import lightgbm
 import numpy as np
 
 KEYS = 6  # model, category, position, seed, share of people who join, pairs
 DEPTH, ROUNDS = 3, 300
-COPY = 0.5  # weight of an example from a copy
+COPY = 0.5  # weight of a copy
 POWER = 0.6  # of the pairs in the weight of a merge
 PARAMS = {
     "objective": "cross_entropy",
@@ -68,19 +69,24 @@ def fit(features, together, pairs, share, chosen):
 
 
 def main():
-    tables, folder = [np.load(path) for path in sys.argv[1:-1]], pathlib.Path(sys.argv[-1])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FOLDER")
+    parser.add_argument("examples", nargs="+")
+    parser.add_argument("--copies", nargs="+", default=[])
+    args = parser.parse_args()
+    tables = [np.load(path) for path in args.examples + args.copies]
     examples = np.concatenate([table.reshape(len(table), -1) for table in tables])
-    share = np.full(len(examples), COPY)
-    share[: len(tables[0])] = 1
+    weights = [1 / len(args.examples)] * len(args.examples) + [COPY / len(args.copies) for _ in args.copies]
+    share = np.repeat(weights, [len(table) for table in tables])
     category, position = examples[:, 1].astype(int), examples[:, 2].astype(int)
     together, pairs, features = examples[:, 4], examples[:, 5], examples[:, KEYS:]
     wanted = {"all": np.ones(len(examples), bool)}
     wanted |= {f"half-{k}": position % 2 != k for k in range(2)}
     wanted |= {f"fold-{k}": category % 5 != k for k in range(5)}
-    folder.mkdir(parents=True, exist_ok=True)
+    args.out.mkdir(parents=True, exist_ok=True)
     for name, chosen in wanted.items():
         text = json.dumps(fit(features, together, pairs, share, chosen), separators=(",", ":"))
-        (folder / f"{name}.json").write_text(text + "\n")
+        (args.out / f"{name}.json").write_text(text + "\n")
         print(name, chosen.sum(), "examples", len(text), "bytes", flush=True)
 
 

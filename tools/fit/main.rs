@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! cargo run --release -p nystrom-stream-tools --bin fit -- BENCHMARK --examples examples.npy     # what people make of each merge
-//! tools/fit/boost.py examples.npy [copies.npy] FOLDER                         # fits trees with LightGBM
+//! tools/fit/boost.py -o FOLDER examples.npy... [--copies copies.npy...]       # fits trees with LightGBM
 //! cargo run --release -p nystrom-stream-tools --bin fit -- BENCHMARK --judge FOLDER              # 1 - Rand with them
 //! cp FOLDER/all.json src/cluster/parts/merge_odds.json                       # takes them into use
 //! ```
