@@ -64,7 +64,7 @@ impl Forecast {
         let mut notes = Vec::new();
         if order_is_open(params, mesh.faces) {
             let sorted = Plan::new(mesh, params, true, lasting, run);
-            let more = human((sorted.disk_peak - plan.disk_peak) as f64);
+            let more = human(sorted.disk_peak.saturating_sub(plan.disk_peak) as f64);
             notes.push(format!(
                 "if the order of the file is poor: {more}B more disk space, to sort faces along a curve"
             ));
