@@ -39,7 +39,8 @@ pub struct PlanArgs {
     pub scratch: ScratchArgs,
 }
 
-/// Rejects a run that does not fit on the disk under `work`, and warns of one that will be slow.
+/// Rejects more parts than the mesh has faces, and a run that does not fit on the disk under `work`, before the mesh is
+/// read. Warns of a run that will be slow.
 pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Result<()> {
     let Ok(size) = size_of_mesh(path) else {
         // Reading the mesh will report the problem.
@@ -51,6 +52,7 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
     }
     let plan = Plan::new(size, params, false, context.work.durable(), context.run);
     plan.check_size(path)?;
+    params.check_for(path, size.faces)?;
     let (folder, there) = (context.work.path(), context.work.bytes());
     plan.check_disk(folder, there)?;
     for text in plan.disk_warning(folder, there).into_iter().chain(plan.warning()) {

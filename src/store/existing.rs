@@ -51,7 +51,8 @@ impl WorkDir {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::folder::LOCK;
+    use crate::store::folder::{LOCK, MARK};
+    use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
     /// Regression: any folder with a file `lock` was taken for a work directory whose first stage had been interrupted,
     /// and files in it were removed.
@@ -71,12 +72,50 @@ mod tests {
         assert!(refused(), "it says something else than ours");
     }
 
+    /// Regression: a run that failed at once left a folder with a lock file behind.
+    #[test]
+    fn a_directory_that_was_not_used_goes_and_one_in_use_or_of_others_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let (mine, new) = (dir.path().join("mine"), dir.path().join("new/work"));
+        std::fs::create_dir(&mine).unwrap();
+        drop((WorkDir::open(&mine).unwrap(), WorkDir::open(&new).unwrap()));
+        assert!(std::fs::read_dir(&mine).unwrap().next().is_none() && !dir.path().join("new").exists());
+        let work = WorkDir::open(&new).unwrap();
+        std::fs::write(work.file("x.npy"), []).unwrap();
+        drop(work);
+        assert!(new.join("x.npy").exists() && WorkDir::open(&new).is_ok());
+    }
+
+    #[test]
+    fn a_directory_that_comes_and_goes_has_one_owner_at_a_time() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, owned, found) = (dir.path().join("work"), AtomicBool::new(false), AtomicUsize::new(0));
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..200 {
+                        if let Some(work) = WorkDir::try_open(&path, false).unwrap() {
+                            assert!(!owned.swap(true, Ordering::SeqCst) && path.join(LOCK).exists());
+                            found.fetch_add(1, Ordering::SeqCst);
+                            owned.store(false, Ordering::SeqCst);
+                            drop(work);
+                        }
+                    }
+                });
+            }
+        });
+        let left = std::fs::read_dir(&path).map_or(0, Iterator::count);
+        assert!(found.into_inner() > 0 && left == 0);
+    }
+
     #[test]
     fn a_directory_without_a_finished_stage_is_used_again() {
         let dir = tempfile::tempdir().unwrap();
         // What a run leaves that is killed before it could write into its lock.
         std::fs::write(dir.path().join(LOCK), []).unwrap();
         drop(WorkDir::open(dir.path()).unwrap());
+        // And later.
+        std::fs::write(dir.path().join(LOCK), MARK).unwrap();
         let left = dir.path().join("x.npy.partial");
         std::fs::write(&left, []).unwrap();
         let told = WorkDir::open_existing(dir.path()).unwrap_err().to_string();

@@ -47,6 +47,8 @@ pub(super) struct HeldLock {
     file: File,
     /// The process that took the lock; a forked child has a copy of this value but does not own the lock.
     process: u32,
+    /// Whether nothing was written to the lock file before: the folder was not in use yet.
+    is_new: bool,
 }
 
 impl Drop for HeldLock {
@@ -69,11 +71,13 @@ struct Folder {
     lock: Option<HeldLock>,
     /// The process that opened it; a forked child has a copy of this value but leaves the folder to its parent.
     process: u32,
+    /// How many folders were created for it: the last ones of its path.
+    created: usize,
 }
 
 impl Folder {
     fn new(path: PathBuf, failure: Option<Error>, lock: Option<HeldLock>) -> Self {
-        Self { path, failure, lock, process: std::process::id() }
+        Self { path, failure, lock, process: std::process::id(), created: 0 }
     }
 
     /// Removes it with all that is in it.
@@ -82,6 +86,38 @@ impl Folder {
             remove_folder(&self.path);
         }
     }
+
+    /// Removes what was created for it if nothing but the lock file is in it. Without a lock, another process may be
+    /// about to write there.
+    fn remove_unused(&self) {
+        let is_new = self.lock.as_ref().is_some_and(|lock| lock.is_new);
+        if !is_new || self.process != std::process::id() || !holds_lock_alone(&self.path) {
+            return;
+        }
+        let _ = std::fs::remove_file(self.path.join(LOCK));
+        // Folders that hold something else by now stay.
+        let folders = self.path.ancestors().take(self.created);
+        let _ = folders.map(std::fs::remove_dir).take_while(std::result::Result::is_ok).count();
+    }
+}
+
+/// Creates the folder `path`, and those that it lies in, as far as they are missing; returns how many.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(super) fn create_missing(path: &Path) -> Result<usize> {
+    let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
+    let folders = path.ancestors().take_while(missing).count();
+    let mut made = std::fs::create_dir_all(path);
+    // Another process may be removing it right now, unused.
+    let gone = |error: &io::Error| matches!(error.kind(), ErrorKind::AlreadyExists | ErrorKind::NotFound);
+    for _ in 0..16 {
+        if made.as_ref().is_err_and(gone) && !path.exists() {
+            made = std::fs::create_dir_all(path);
+        }
+    }
+    made.map_err(Error::io(path, "create"))?;
+    Ok(folders)
 }
 
 /// The folder of a work directory, which may be created lazily with its first file.
@@ -92,9 +128,10 @@ pub(super) struct WorkFolder {
 }
 
 impl WorkFolder {
-    /// The folder `path`, locked until `lock` is dropped; `None` where the file system has no locks.
-    pub fn of(path: &Path, lock: Option<HeldLock>) -> Self {
-        let folder = Folder::new(path.to_path_buf(), None, lock);
+    /// The folder `path`, for which `created` folders were created; locked until `lock` is dropped, which is `None`
+    /// where the file system has no locks.
+    pub fn of(path: &Path, lock: Option<HeldLock>, created: usize) -> Self {
+        let folder = Folder { created, ..Folder::new(path.to_path_buf(), None, lock) };
         Self { folder: OnceLock::from(folder), ..Self::deferred(Path::new("")) }
     }
 
@@ -153,6 +190,23 @@ impl WorkFolder {
     pub fn remove(&self) {
         self.folder.get().into_iter().for_each(Folder::remove);
     }
+
+    /// Removes what was created when it was opened if nothing has been written to it.
+    pub fn remove_unused(&self) {
+        self.folder.get().into_iter().for_each(Folder::remove_unused);
+    }
+}
+
+/// Whether the folder `path` exists and is not empty.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(super) fn is_occupied(path: &Path) -> Result<bool> {
+    match std::fs::read_dir(path) {
+        // An empty path would stand for the current folder.
+        Err(error) if error.kind() == ErrorKind::NotFound && !path.as_os_str().is_empty() => Ok(false),
+        entries => Ok(entries.map_err(Error::io(path, "list"))?.next().is_some()),
+    }
 }
 
 /// The size in bytes of all files in `folder` and in folders inside; what cannot be read counts as nothing.
@@ -179,6 +233,8 @@ pub(super) fn lock(path: &Path, shared: bool, content: &[u8]) -> Result<Lock> {
         Err(error) if shared && matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied) => {
             return Ok(Lock::Unsupported);
         }
+        // Whoever created the folder has just removed it, unused.
+        Err(error) if !shared && error.kind() == ErrorKind::NotFound => return Ok(Lock::Busy),
         file => file.map_err(Error::io(path.join(LOCK), "open"))?,
     };
     let tried = if shared { fs4::FileExt::try_lock_shared(&file) } else { fs4::FileExt::try_lock(&file) };
@@ -188,11 +244,18 @@ pub(super) fn lock(path: &Path, shared: bool, content: &[u8]) -> Result<Lock> {
         Err(fs4::TryLockError::Error(error)) if without_locks(&error) => false,
         Err(fs4::TryLockError::Error(error)) => return Err(Error::io(path.join(LOCK), "lock")(error)),
     };
-    let is_empty = file.metadata().is_ok_and(|metadata| metadata.len() == 0);
+    // The same, between opening the file and locking it: another process may hold the lock on a new one.
+    let found = (file.metadata(), std::fs::symlink_metadata(path.join(LOCK)));
+    let is_there = matches!(&found, (Ok(own), Ok(there)) if (own.dev(), own.ino()) == (there.dev(), there.ino()));
+    if held && !shared && !is_there {
+        return Ok(Lock::Busy);
+    }
+    let is_empty = found.0.is_ok_and(|metadata| metadata.len() == 0);
     if !shared && is_empty && !content.is_empty() {
         file.write_all(content).map_err(Error::io(path.join(LOCK), "write"))?;
     }
-    Ok(if held { Lock::Held(HeldLock { file, process: std::process::id() }) } else { Lock::Unsupported })
+    let held_lock = || HeldLock { file, process: std::process::id(), is_new: !shared && is_empty };
+    Ok(if held { Lock::Held(held_lock()) } else { Lock::Unsupported })
 }
 
 /// Whether the lock file in the folder `path`, which has no manifest, is ours: its run is in its first stage, or was
@@ -202,10 +265,15 @@ pub(super) fn is_begun(path: &Path) -> bool {
     let Ok(found) = std::fs::symlink_metadata(&lock) else { return false };
     // A run that was killed, or is just starting, may not have written into it; then nothing else is there. Whoever
     // lists another file here finds the mark.
-    let alone = std::fs::read_dir(path).is_ok_and(|mut all| all.all(|file| file.is_ok_and(|f| f.file_name() == LOCK)));
+    let alone = holds_lock_alone(path);
     let mut begin = Vec::new();
     let mut read = || File::open(&lock)?.take(MARK.len() as u64 + 1).read_to_end(&mut begin);
     found.is_file() && (alone && found.len() == 0 || read().is_ok() && begin == MARK)
+}
+
+/// Whether the folder `path` holds nothing but a lock file, if that.
+fn holds_lock_alone(path: &Path) -> bool {
+    std::fs::read_dir(path).is_ok_and(|mut all| all.all(|file| file.is_ok_and(|file| file.file_name() == LOCK)))
 }
 
 /// Whether `error` means that the file system has no locks.

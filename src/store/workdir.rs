@@ -7,14 +7,14 @@
 //! Where the file system has no locks ([`WorkDir::is_locked`]), whoever starts the processes must keep them apart.
 //!
 //! A temporary directory is removed when dropped; that of a killed run is removed by the next run that creates one in
-//! the same parent.
+//! the same parent. A lasting one that was created is removed too if nothing was written to it.
 //!
 //! Memory: the manifest, some hundred bytes per file, and the arrays kept in memory, which count against the budget
 //! ([`super::in_memory`]). Opening reads the manifest and lists the folder; a stage's files are read when they are
 //! reused.
 
 use super::budget::Budget;
-use super::folder::{LOCK, Lock, MARK, WorkFolder, bytes_in, is_begun, lock};
+use super::folder::{LOCK, Lock, MARK, WorkFolder, bytes_in, create_missing, is_begun, is_occupied, lock};
 use super::in_memory::InMemoryArrays;
 use super::json;
 use super::manifest::FORMAT;
@@ -89,16 +89,18 @@ impl WorkDir {
     /// # Errors
     /// As [`WorkDir::open`], except for directories in use.
     pub fn try_open(path: &Path, shared: bool) -> Result<Option<Self>> {
-        if !shared {
-            std::fs::create_dir_all(path).map_err(Error::io(path, "create"))?;
-        } else if !path.is_dir() {
+        if shared && !path.is_dir() {
             return Ok(None);
         }
+        let created = if shared { 0 } else { create_missing(path)? };
         let manifest_path = path.join(MANIFEST);
         // Listed before checking for a lock: another process that starts here right now creates its lock, and marks it,
         // before anything else.
-        let occupied = std::fs::read_dir(path).map_err(Error::io(path, "list"))?.next().is_some();
-        if occupied && !manifest_path.exists() && !is_begun(path) && !is_of_two(path) {
+        let foreign = || -> Result<bool> {
+            Ok(is_occupied(path)? && !manifest_path.exists() && !is_begun(path) && !is_of_two(path))
+        };
+        // More than once: a process that ends here unused may be removing its lock.
+        if foreign()? && foreign()? && foreign()? {
             return Err(Error::work_dir(
                 path,
                 "is not empty and not a work directory of this program",
@@ -129,7 +131,7 @@ impl WorkDir {
             return Err(Error::work_dir(&manifest_path, problem, "delete the work directory"));
         }
         let manifest = Manifest { format: FORMAT, ..manifest };
-        let mut work = Self::of(WorkFolder::of(path, lock), manifest);
+        let mut work = Self::of(WorkFolder::of(path, lock, created), manifest);
         work.shared = shared;
         if !shared {
             work.sweep();
@@ -444,6 +446,8 @@ impl Drop for WorkDir {
     fn drop(&mut self) {
         if self.temporary && !self.inside {
             self.folder.remove();
+        } else {
+            self.folder.remove_unused();
         }
     }
 }

@@ -677,6 +677,27 @@ fn no_folder_is_made_for_a_mesh_that_is_not_there() {
     }
 }
 
+/// Regression: a run that failed while it read the mesh left a work directory that held nothing but a lock file.
+#[test]
+fn no_folder_stays_of_a_run_that_fails_at_once() {
+    let dir = common::in_memory();
+    let mesh = zoo::tetrahedron().write(dir.path());
+    let (bad, work) = (dir.path().join("bad.ply"), dir.path().join("deep/work"));
+    std::fs::write(&bad, "no mesh").unwrap();
+    for words in [
+        &["segment", word(&bad)][..],
+        &["segment", word(&mesh), "-k", "5"],
+        &["graph", word(&bad)],
+        &["rows", word(&bad)],
+        &["share", "rows", word(&bad), "--shard", "0/2"],
+        &["sequence", word(&bad)],
+        &["correspond", word(&mesh), word(&bad), "-o", "m.npy"],
+    ] {
+        refused(&[words, &["--work-dir", word(&work)]].concat(), 1, "");
+        assert_eq!(names(dir.path()), ["bad.ply", "tetrahedron.ply"], "{words:?}");
+    }
+}
+
 /// A folder that takes no file was found at the end, after a night's work.
 #[test]
 fn outputs_that_cannot_be_written_are_told_before_any_work() {
