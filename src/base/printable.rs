@@ -7,6 +7,7 @@
 //! replaced.
 
 use std::borrow::Cow;
+use std::fmt::{Display, Formatter, LowerExp};
 
 /// Whether `c` is a control or direction character rather than a visible one.
 fn is_control(c: char) -> bool {
@@ -21,6 +22,30 @@ pub fn human(x: f64) -> String {
         x if x >= 1e6 => format!("{:.2} M", x / 1e6),
         x if x >= 1e4 => format!("{:.1} k", x / 1e3),
         x => format!("{x:.0}"),
+    }
+}
+
+/// A real number for people: with as many significant digits as the precision, or without one as many as identify it;
+/// without an exponent unless it is very large or very small, since the standard library writes out hundreds of zeros.
+///
+/// ```
+/// use nystrom_stream::base::printable::Significant;
+/// assert_eq!(format!("{} {}", Significant(0.25), Significant(1e300)), "0.25 1e300");
+/// assert_eq!(format!("{:.3} {:.3}", Significant(12.3456), Significant(-1.23456e-9)), "12.3 -1.23e-9");
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Significant<T>(pub T);
+
+impl<T: Copy + Display + LowerExp + Into<f64>> Display for Significant<T> {
+    fn fmt(&self, f: &mut Formatter) -> std::fmt::Result {
+        let size = self.0.into().abs();
+        let power = if size == 0. { 0 } else { size.log10().floor() as i32 };
+        match (f.precision().map(|digits| digits as i32), (-5..15).contains(&power)) {
+            (None, true) => write!(f, "{}", self.0),
+            (None, false) => write!(f, "{:e}", self.0),
+            (Some(digits), true) => write!(f, "{:.*}", (digits - 1 - power).max(0) as usize, self.0),
+            (Some(digits), false) => write!(f, "{:.*e}", (digits - 1).max(0) as usize, self.0),
+        }
     }
 }
 

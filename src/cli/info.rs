@@ -2,12 +2,12 @@
 
 use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs, WorkDirArgs, either};
-use super::output::{JsonArgs, Significant};
+use super::output::JsonArgs;
 use super::progress::{counted, tell_error};
 use super::sink::{check_places, scratch_beside};
 use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
-use nystrom_stream::base::printable::{human, line};
+use nystrom_stream::base::printable::{Significant, human, line};
 use nystrom_stream::mesh::import;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};
@@ -126,8 +126,14 @@ fn faces_and_vertices(faces: usize, vertices: usize) -> String {
 
 /// Three coordinates of a mesh of `size`, rounded to a ten-thousandth of it.
 fn point(p: [f64; 3], size: f64) -> String {
-    let digits = (4. - size.log10().floor()).clamp(0., 12.) as usize;
-    p.map(|x| format!("{:.digits$}", if x.abs() < 0.5 * 10f64.powi(-(digits as i32)) { 0. } else { x })).join(" ")
+    let power = size.min(f64::MAX).log10().floor();
+    let digits = (4. - power).max(0.) as usize;
+    let shown = |x: f64| match if x.abs() < 0.5 * 10f64.powf(power - 4.) { 0. } else { x } {
+        x if (-8. ..15.).contains(&power) => format!("{x:.digits$}"),
+        0. => "0".into(),
+        x => format!("{:.5}", Significant(x)),
+    };
+    p.map(shown).join(" ")
 }
 
 /// The lines with the measurements of a mesh.

@@ -332,22 +332,6 @@ pub fn check_names(names: Option<&Path>, outputs: &[Output], json: &JsonArgs) ->
     Ok(())
 }
 
-/// A number with as many significant digits as the precision; without an exponent unless it is very large or very
-/// small.
-pub struct Significant(pub f64);
-
-impl std::fmt::Display for Significant {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        let digits = f.precision().unwrap_or(6) as i32;
-        let power = if self.0 == 0. { 0 } else { self.0.abs().log10().floor() as i32 };
-        if (-5..15).contains(&power) {
-            write!(f, "{:.*}", (digits - 1 - power).max(0) as usize, self.0)
-        } else {
-            write!(f, "{:.*e}", (digits - 1).max(0) as usize, self.0)
-        }
-    }
-}
-
 /// Rejects charts in an unknown format before any work.
 pub fn check_charts(option: &str, paths: &[PathBuf]) -> Result<(), CliError> {
     check_extensions(option, paths, &["svg", "png"], "use .svg or .png")

@@ -13,6 +13,7 @@ use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
 use nystrom_stream::apps::study::points::{PointsParams, SampleMeasures, agreement, pairs};
 use nystrom_stream::apps::study::summary::{Spread, one_to_text, summary, to_csv, to_text};
 use nystrom_stream::apps::study::{CompareParams, Over, SampleRecord, StudyData, StudyParams, StudyWidth, compare};
+use nystrom_stream::base::printable::Significant;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::landmarks::{Sampler, Sampling};
 use nystrom_stream::pipeline::input;
@@ -107,7 +108,8 @@ fn params(args: &QualityArgs) -> Result<CompareParams, CliError> {
         return Err(misfit(option, "--nodes faces"));
     }
     if !(args.sigma > 0. && args.sigma < 1e6) {
-        return Err(CliError::Usage(format!("--sigma: {} is not a width; choose a positive number", args.sigma)));
+        let problem = format!("--sigma: {} is not a width", Significant(args.sigma));
+        return Err(CliError::Usage(problem + "; choose a positive number below 1000000"));
     }
     if args.tolerance.is_some_and(|tolerance| !(0. ..1.).contains(&tolerance)) {
         return Err(CliError::Usage("--tolerance is out of range; choose from 0 to below 1".into()));

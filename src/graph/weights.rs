@@ -16,6 +16,7 @@ use super::dual_edges::DualEdges;
 use super::node_geometry::NodeGeometry;
 use super::nodes::Node;
 use crate::base::parallel::{chunk_count, chunk_range, parts_of};
+use crate::base::printable::Significant;
 use crate::base::{Error, Result};
 use crate::store::{Context, MappedSlice, Run};
 use serde::{Deserialize, Serialize};
@@ -71,7 +72,8 @@ impl Metric {
             if value >= low && value <= high {
                 Ok(())
             } else {
-                Err(Error::parameter(name, format!("{value} is out of range"), format!("choose from {low} to {high}")))
+                let problem = format!("{} is out of range", Significant(value));
+                Err(Error::parameter(name, problem, format!("choose from {low} to {high}")))
             }
         };
         match *self {

@@ -22,6 +22,7 @@ use super::affinity::{Degrees, KeptEigenpairs, landmark_affinities};
 use super::anchor::{BACKGROUND, RowProducts, nearest_shares};
 use super::kernel::Kernel;
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::printable::Significant;
 use crate::base::random::{stratified, stream};
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::vector::axpy;
@@ -165,7 +166,8 @@ impl EmbeddingParams {
     pub fn check(&self) -> Result<()> {
         let (KernelWidth::Mean(width) | KernelWidth::Fixed(width)) = self.width;
         if !(width > 0. && width < 1e6) {
-            return Err(Error::parameter("width", format!("{width} is not a width"), "choose a positive number"));
+            let problem = format!("{} is not a width", Significant(width));
+            return Err(Error::parameter("width", problem, "choose a positive number below 1000000"));
         }
         if self.dimensions == 0 {
             return Err(Error::parameter("dimensions", "0 dimensions", "choose at least 1"));
@@ -257,7 +259,8 @@ impl Embedding {
             KernelWidth::Fixed(sigma) => sigma,
         };
         if !sigma.is_finite() || sigma < 0. {
-            return Err(Error::parameter("width", format!("{sigma} is not a width"), "choose a positive number"));
+            let problem = format!("{} is not a width", Significant(sigma));
+            return Err(Error::parameter("width", problem, "choose a positive number"));
         }
         let a = landmark_affinities(rows, params.kernel, sigma);
         let fit = EmbeddingFit { rows, columns, params, sigma };

@@ -24,6 +24,7 @@
 use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
 use super::kernel::Kernel;
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::printable::Significant;
 use crate::base::{Error, Result, eigen};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
@@ -264,11 +265,8 @@ impl OrthogonalParams {
             return Err(Error::parameter("dimensions", problem, format!("choose from 2 to {MOST_DIMENSIONS}")));
         }
         if !(self.width > 0. && self.width < 1e6) {
-            return Err(Error::parameter(
-                "width",
-                format!("{} is not a width", self.width),
-                "choose a positive number",
-            ));
+            let problem = format!("{} is not a width", Significant(self.width));
+            return Err(Error::parameter("width", problem, "choose a positive number below 1000000"));
         }
         self.kernel.check()
     }

@@ -227,6 +227,14 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "-k", "2", "--beta=inf"], "out of range"),
         (&["segment", mesh, "-k", "2", "--cluster", "kmeans", "--sigma", "0"], "choose a positive number"),
         (&["segment", mesh, "-k", "2", "--cluster", "kmeans", "--sigma=nan"], "choose a positive number"),
+        // Regression: three hundred digits, and a remedy that it had followed.
+        (
+            &["segment", mesh, "-k", "2", "--cluster", "kmeans", "--sigma", "1e300"],
+            "--sigma: 1e300 is not a width; choose a positive number below 1000000",
+        ),
+        (&["segment", mesh, "--detail", "1e300"], "--detail: 1e300 is out of range"),
+        (&["segment", mesh, "-k", "2", "--beta", "1e30"], "--beta: 1e30 is out of range"),
+        (&["quality", mesh, "--sigma", "1e300"], "--sigma: 1e300 is not a width"),
         (&["segment", mesh, "-k", "2", "--threads", "0"], "out of range; choose from 1 to 65535"),
         (&["segment", mesh, "-k", "2", "--max-memory", "12"], "at least 1MB"),
         // Regression: it was too little.

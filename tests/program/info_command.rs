@@ -66,6 +66,24 @@ fn a_slit_in_a_face_is_not_open() {
     assert!(of(&open, "volume").is_null(), "{open}");
 }
 
+/// Regression: coordinates of very large meshes had hundreds of digits, and those of very small ones were all 0.
+#[test]
+fn sizes_of_any_magnitude_are_short() {
+    let dir = in_memory();
+    for (unit, shown) in [("1", "1.0000"), ("1e150", "1.0000e150"), ("1e-200", "1.0000e-200")] {
+        let points = format!("v 0 0 0\nv {unit} 0 0\nv 0 {unit} 0\nv 0 0 {unit}\n");
+        let mesh = write(dir.path(), "m.obj", &(points + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"));
+        let told = String::from_utf8(run(&["info", word(&mesh)]).stdout).unwrap();
+        assert!(told.contains(&format!("size          {shown} {shown} {shown}\n")), "{told}");
+        let table = dir.path().join("t.csv");
+        ok(&["segment", word(&mesh), "-q", "-o", word(&table)]);
+        let rows = std::fs::read_to_string(&table).unwrap();
+        assert!(told.lines().chain(rows.lines().flat_map(|row| row.split(','))).all(|text| text.len() < 90), "{rows}");
+        let greatest = rows.lines().nth(1).unwrap().split(',').nth(7).unwrap();
+        assert_eq!(greatest.parse::<f64>().ok(), unit.parse().ok(), "{rows}");
+    }
+}
+
 /// It said that OFF is no PLY, and to convert it to OFF.
 #[test]
 fn a_file_under_the_name_of_another_format_is_told_as_such() {

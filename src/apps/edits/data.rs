@@ -2,6 +2,7 @@
 //!
 //! The JSON form is derived; [`super::read`] reads it edit by edit, so that errors name the edit. Cost: none.
 
+use crate::base::printable::Significant;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -160,7 +161,10 @@ impl std::fmt::Display for Place {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {
             Self::Face(face) => write!(f, "face {face}"),
-            Self::Point([x, y, z]) => write!(f, "[{x}, {y}, {z}]"),
+            Self::Point(point) => {
+                let [x, y, z] = point.map(Significant);
+                write!(f, "[{x}, {y}, {z}]")
+            }
         }
     }
 }

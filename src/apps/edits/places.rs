@@ -7,6 +7,7 @@
 use super::data::{Edit, Edits, Place};
 use crate::base::bounds::{EMPTY, around, grow};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
+use crate::base::printable::Significant;
 use crate::base::vector::{finite, length, minus, triangle_distance};
 use crate::base::{Error, Result};
 use crate::mesh::{Mesh, polygon};
@@ -71,7 +72,8 @@ impl Edits {
             Place::Point(_) => match found.next() {
                 Some((distance, face)) if distance <= FAR => Ok(face),
                 Some((distance, _)) => {
-                    let problem = format!("the place {place} is {:.3} away from the mesh", distance * unit);
+                    let problem =
+                        format!("the place {place} is {:.5} away from the mesh", Significant(distance * unit));
                     Err(self.wrong(number, problem, "give a point on the surface, in the units of the mesh file"))
                 }
                 None => Err(Error::internal("a place was not looked for")),

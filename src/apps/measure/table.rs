@@ -1,6 +1,7 @@
 //! Measurements of parts as a table: comma-separated values with a header, one row per label.
 
 use super::sums::Measures;
+use crate::base::printable::Significant;
 use crate::mesh::ply::labelled::colour_of;
 use std::collections::BTreeMap;
 
@@ -11,6 +12,11 @@ const LAST: [&str; 8] =
 /// A field of the table; quoted if necessary.
 fn quoted(word: &str) -> String {
     if word.contains([',', '"', '\n', '\r']) { format!("\"{}\"", word.replace('"', "\"\"")) } else { word.into() }
+}
+
+/// A field that holds a number; very large and very small ones have an exponent.
+fn number(x: f64) -> String {
+    Significant(x).to_string()
 }
 
 /// The table of `measures`, one row per distinct label, as comma-separated values with a header; parts may have
@@ -25,15 +31,15 @@ pub fn table(measures: &BTreeMap<u32, Measures>, colours: &[[u8; 3]], names: &[S
     header.extend(LAST.map(String::from));
     let mut text = header.join(",") + "\n";
     for (&label, part) in measures {
-        let mut row = vec![label.to_string(), part.faces.to_string(), part.area.to_string()];
-        row.push(part.volume.map_or(String::new(), |volume| volume.to_string()));
+        let mut row = vec![label.to_string(), part.faces.to_string(), number(part.area)];
+        row.push(part.volume.map_or(String::new(), number));
         let bounds = part.bounds.map_or([const { None }; 6], |[low, high]| {
             let mut all = [None; 6];
             (0..3).for_each(|k| (all[k], all[k + 3]) = (Some(low[k]), Some(high[k])));
             all
         });
-        row.extend(bounds.map(|x| x.map_or(String::new(), |x| x.to_string())));
-        row.extend(part.centroid.iter().chain(part.axes.iter().flatten()).chain(&part.spread).map(f64::to_string));
+        row.extend(bounds.map(|x| x.map_or(String::new(), number)));
+        row.extend(part.centroid.iter().chain(part.axes.iter().flatten()).chain(&part.spread).map(|x| number(*x)));
         row.push(part.open_edges.to_string());
         let place = label as usize;
         row.push(agreement.get(place).map_or(String::new(), |share| format!("{share:.3}")));

@@ -10,6 +10,7 @@
 //! Only for small sets: all of W in `f64`.
 
 use super::data::StudyData;
+use crate::base::printable::Significant;
 use crate::base::{Error, Result};
 use crate::distance::front::{Front, mean_weight};
 use crate::distance::sampler::VisitCount;
@@ -112,7 +113,7 @@ impl CompareParams {
         if let StudyWidth::Mean(factor) = self.width
             && !(factor > 0. && factor.is_finite())
         {
-            let problem = format!("{factor} is not a positive number");
+            let problem = format!("{} is not a positive number", Significant(factor));
             return refused("width", &problem, "give a number of mean distances");
         }
         self.kernel.check()

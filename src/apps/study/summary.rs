@@ -3,6 +3,7 @@
 //! Cost: microseconds per record, of which a study has thousands; independent of the mesh size.
 
 use super::compare::SampleRecord;
+use crate::base::printable::Significant;
 use crate::landmarks::Sampling;
 use serde::Serialize;
 use std::fmt::Write;
@@ -138,7 +139,7 @@ pub fn one_to_text(record: &SampleRecord) -> String {
     };
     tell("sampling", format!("{}, {} landmarks of {} nodes", record.sampling.name(), record.l, record.nodes));
     tell("search", format!("{:.1} fronts besides the {} rows", record.search_fronts, record.l));
-    tell("σ", record.sigma.map_or("local".into(), |sigma| format!("{sigma:.6}")));
+    tell("σ", record.sigma.map_or("local".into(), |sigma| format!("{:.6}", Significant(sigma))));
     tell("Γ", format!("{:.6}", m.gamma));
     tell("Γ/n", format!("{:.6}", m.gamma_per_node));
     tell("Γ*", format!("{:.6}", m.gamma_star));

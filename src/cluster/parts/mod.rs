@@ -54,6 +54,7 @@ pub use ensemble::Superfaces;
 pub use hierarchy::{PartTree, TreeCut, detail_threshold};
 pub use interior::enclosed::Enclosed;
 
+use crate::base::printable::Significant;
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -122,7 +123,7 @@ impl PartsParams {
     /// [`Error::Parameter`] naming the option.
     pub fn check(&self) -> Result<()> {
         if !(-1.0..=1.0).contains(&self.detail) {
-            let problem = format!("{} is out of range", self.detail);
+            let problem = format!("{} is out of range", Significant(self.detail));
             return Err(Error::parameter("detail", problem, "choose from -1 to 1"));
         }
         if !(1..=MOST_SEGMENTATIONS).contains(&self.ensemble_size) {
@@ -131,7 +132,7 @@ impl PartsParams {
             return Err(Error::parameter("ensemble_size", problem, remedy));
         }
         if !(0.0..1.0).contains(&self.small_part) {
-            let problem = format!("{} is not a fraction of the area", self.small_part);
+            let problem = format!("{} is not a fraction of the area", Significant(self.small_part));
             return Err(Error::parameter("small_part", problem, "choose from 0 to below 1"));
         }
         Ok(())
