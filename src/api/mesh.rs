@@ -2,6 +2,7 @@
 
 use crate::apps::creature::{Creature, Options};
 use crate::apps::export::form::{Form, SaveOptions, unknown};
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::mesh::geometry::{MOST_CORNERS, MOST_FACES};
 use crate::mesh::ply::labelled::REPEATED;
@@ -111,7 +112,7 @@ fn named_and_coloured(labelling: &Labelling<'_>) -> Result<()> {
         return Err(Error::parameter("colours", problem, "give one per part, or none"));
     }
     if names.len() > parts.max(colours.len()) {
-        let problem = format!("{} for {} parts", names.len(), parts.max(colours.len()));
+        let problem = format!("{} for {}", names.len(), counted(parts.max(colours.len()), "part"));
         return Err(Error::parameter("names", problem, "give one per part, empty for none"));
     }
     Ok(())

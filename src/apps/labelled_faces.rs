@@ -5,6 +5,7 @@
 
 use super::colours::colours_for;
 use super::open_labels;
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::mesh::ply::ElementKind;
 use crate::mesh::ply::labelled::GREY;
@@ -91,7 +92,7 @@ impl LabelledFaces {
     pub fn of_file(path: &Path, mesh: &Mesh, work: &WorkDir) -> Result<Self> {
         let labels = open_labels(path, work)?;
         if labels.len() != mesh.faces.len() {
-            let problem = format!("has {} labels for {} faces", labels.len(), mesh.faces.len());
+            let problem = format!("has {} for {}", counted(labels.len(), "label"), counted(mesh.faces.len(), "face"));
             let remedy = format!("give the labels of {}", mesh.path().display());
             return Err(Error::unusable(path, problem, remedy));
         }

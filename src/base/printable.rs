@@ -25,6 +25,22 @@ pub fn human(x: f64) -> String {
     }
 }
 
+/// Formats 1 part, 2 parts, 3 vertices.
+pub fn counted(count: usize, word: &str) -> String {
+    format!("{count} {}", noun(count, word))
+}
+
+/// `word` for `count` of them.
+pub fn noun(count: usize, word: &str) -> Cow<'_, str> {
+    if count == 1 {
+        return word.into();
+    }
+    match word.strip_suffix("ex") {
+        Some(stem) => format!("{stem}ices").into(),
+        None => format!("{word}{}", if word.ends_with("sh") { "es" } else { "s" }).into(),
+    }
+}
+
 /// A real number for people: with as many significant digits as the precision, or without one as many as identify it;
 /// without an exponent unless it is very large or very small, since the standard library writes out hundreds of zeros.
 ///
@@ -76,6 +92,13 @@ fn replaced(text: &str, is_control: impl Fn(char) -> bool) -> Cow<'_, str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_is_singular() {
+        let told = |count: usize| ["cell", "mesh", "vertex"].map(|word| counted(count, word)).join(", ");
+        assert_eq!(told(0), "0 cells, 0 meshes, 0 vertices");
+        assert_eq!(told(1), "1 cell, 1 mesh, 1 vertex");
+    }
 
     #[test]
     fn what_a_terminal_obeys_is_spelt_out() {

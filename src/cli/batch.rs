@@ -15,7 +15,7 @@ use super::segment::{Job, SegmentArgs, Task, one};
 use super::sink::{OpenSink, Sink, check_distinct, check_outside};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::parallel::{catch, lock, spawn};
-use nystrom_stream::base::printable::human;
+use nystrom_stream::base::printable::{counted, human, noun};
 use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, input};
@@ -117,7 +117,7 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let report = one(&job, task, &bars, &run, app)?;
     args.json.publish(&report)?;
     report.remarks(&params).iter().for_each(|text| run.progress.note(text));
-    let faces = format!("{} face{}", human(report.input.faces as f64), if report.input.faces == 1 { "" } else { "s" });
+    let faces = format!("{} {}", human(report.input.faces as f64), noun(report.input.faces as usize, "face"));
     run.progress.note_of_work(&closing_line(&faces, report.parts_with_faces(), start, &job.outputs));
     Ok(())
 }
@@ -420,13 +420,13 @@ impl Batch<'_> {
                 skipped += &format!(" ({} in another run)", tally.elsewhere);
             }
             let seconds = start.elapsed().as_secs_f64();
-            let all = if all == 1 { "1 mesh".to_string() } else { format!("{all} meshes") };
+            let all = counted(all, "mesh");
             tell(&format!("{all}: {done} done, {failed} failed{skipped}, in {seconds:.1} s"));
         }
         if failed == 0 {
             return Ok(());
         }
-        let sum = format!("{failed} of {all} meshes failed");
+        let sum = format!("{failed} of {} failed", counted(all, "mesh"));
         if self.style == Style::Quiet {
             tell(&format!("nystrom-stream: {sum}"));
         }

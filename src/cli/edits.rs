@@ -117,7 +117,11 @@ impl NameTable {
     pub fn give(&self, names: &mut Vec<String>, parts: usize) -> Result<(), Error> {
         let Self { path, names: table } = self;
         if table.len() > parts {
-            let problem = format!("names part {}, but there are only {parts} parts, counted from 0", table.len() - 1);
+            let there = match parts {
+                1 => "there is only part 0".to_string(),
+                parts => format!("there are only {parts} parts, counted from 0"),
+            };
+            let problem = format!("names part {}, but {there}", table.len() - 1);
             return Err(Error::unusable(path, problem, "remove its line"));
         }
         names.resize(parts, String::new());

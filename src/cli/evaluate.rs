@@ -11,6 +11,7 @@ use nystrom_stream::apps::evaluate::{
     Benchmark, Evaluator, LABEL_EXTENSIONS, MeanScores, ScoreTable, Scores, Segmentation, fitting, read_labels,
 };
 use nystrom_stream::apps::plots::charts;
+use nystrom_stream::base::printable::counted;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::graph::VertexGraph;
 use nystrom_stream::mesh::{self, ends_with};
@@ -129,7 +130,7 @@ fn folder_of_models(folder: &Path, args: &EvaluateArgs, run: &Run) -> Result<Out
     let (evaluation, _) = run.stage("evaluate", "models", benchmark.models.len() as u64, evaluate)?;
     if !evaluation.missing.is_empty() {
         let names = evaluation.missing.join(" ");
-        run.progress.note(&format!("no labels for {} models, left out: {names}", evaluation.missing.len()));
+        run.progress.note(&format!("no labels for {}, left out: {names}", counted(evaluation.missing.len(), "model")));
     }
     if let Some(path) = &args.plot {
         charts::scores_by_category(path, &evaluation.table, &evaluation.people)?;
@@ -188,7 +189,7 @@ fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: 
     let found = files::read(matches)?;
     let real = truth.map(files::read).transpose()?;
     if let Some(real) = real.as_ref().filter(|real| real.len() != found.len()) {
-        let problem = format!("has {} vertices, the matches have {}", real.len(), found.len());
+        let problem = format!("has {}, the matches have {}", counted(real.len(), "vertex"), found.len());
         return Err(Error::unusable(truth.unwrap_or(matches), problem, "give the map of this mesh"));
     }
     let work = WorkDir::temporary(&std::env::temp_dir())?;
@@ -197,15 +198,15 @@ fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: 
     let n = graph.len();
     let beyond = |map: &[Option<u32>]| map.iter().flatten().find(|&&v| v as usize >= n).copied();
     if let Some(v) = beyond(&found) {
-        let problem = format!("names vertex {v}, but {} has only {n} vertices", mesh.display());
+        let problem = format!("names vertex {v}, but {} has only {}", mesh.display(), counted(n, "vertex"));
         return Err(Error::unusable(matches, problem, "give --mesh the mesh that the matches point to"));
     }
     if let (Some(v), Some(path)) = (real.as_deref().and_then(beyond), truth) {
-        let problem = format!("names vertex {v}, but {} has only {n} vertices", mesh.display());
+        let problem = format!("names vertex {v}, but {} has only {}", mesh.display(), counted(n, "vertex"));
         return Err(Error::unusable(path, problem, "give the true matches in this mesh"));
     }
     if real.is_none() && found.len() > n {
-        let problem = format!("has {} vertices, but {} has only {n}", found.len(), mesh.display());
+        let problem = format!("has {}, but {} has only {n}", counted(found.len(), "vertex"), mesh.display());
         return Err(Error::unusable(matches, problem, "vertices cannot be matched by number; give --truth"));
     }
     let real = |v: usize| real.as_ref().map_or(Some(v as u32), |real| real[v]);
@@ -222,9 +223,14 @@ fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: 
     let (errors, _) = run.stage("march", "vertices", pairs.len() as u64, evaluate)?;
     let errors = Errors::of(errors, unmatched);
     let mut text = format!(
-        "{} vertices scored, {} without a match\nerror / √area: mean {:.4}, median {:.4}, 90 % below {:.4}, greatest \
+        "{} scored, {} without a match\nerror / √area: mean {:.4}, median {:.4}, 90 % below {:.4}, greatest \
          {:.4}\n",
-        errors.evaluated, errors.unmatched, errors.mean, errors.median, errors.ninth_decile, errors.maximum
+        counted(errors.evaluated as usize, "vertex"),
+        errors.unmatched,
+        errors.mean,
+        errors.median,
+        errors.ninth_decile,
+        errors.maximum
     );
     for (i, share) in errors.curve.iter().enumerate().filter(|(i, _)| [0, 2, 5, 10, 20, 30, 40, 50].contains(i)) {
         text += &format!("{:5.1} % within {:.3}\n", 100. * share, Errors::END * i as f64 / 50.);

@@ -3,11 +3,11 @@
 use super::input::read;
 use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs, WorkDirArgs, either};
 use super::output::JsonArgs;
-use super::progress::{counted, tell_error};
+use super::progress::tell_error;
 use super::sink::{check_places, scratch_beside};
 use nystrom_stream::apps::measure::{self, MeshMeasures};
 use nystrom_stream::base::Result;
-use nystrom_stream::base::printable::{Significant, human, line};
+use nystrom_stream::base::printable::{Significant, counted, human, line};
 use nystrom_stream::mesh::import;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};
@@ -120,8 +120,7 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
 }
 
 fn faces_and_vertices(faces: usize, vertices: usize) -> String {
-    let vertices = if vertices == 1 { "1 vertex".into() } else { format!("{vertices} vertices") };
-    format!("{}, {vertices}", counted(faces, "face"))
+    format!("{}, {}", counted(faces, "face"), counted(vertices, "vertex"))
 }
 
 /// Three coordinates of a mesh of `size`, rounded to a ten-thousandth of it.
@@ -265,7 +264,7 @@ pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), Cl
         );
         tell_error(bars.style(), &text, Some(&path), Value::Null);
     }
-    let text = format!("{} files, {bytes} bytes: all intact\n", all.len());
+    let text = format!("{}, {bytes} bytes: all intact\n", counted(all.len(), "file"));
     args.json.publish_or_print(&all, if damaged.is_empty() { &text } else { "" })?;
     if damaged.is_empty() {
         return Ok(());

@@ -2,12 +2,12 @@
 
 use super::choices::choice;
 use super::options::CliError;
-use super::progress::counted;
 use super::sink::{Sink, check_is_no_stream, folder_of, print};
 use nystrom_stream::SaveOptions;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::split::{self, PartForm};
 use nystrom_stream::apps::picture::PictureParams;
+use nystrom_stream::base::printable::counted;
 use nystrom_stream::base::{Error, Result, RunLog, printable};
 use nystrom_stream::mesh::ply::labelled::PlyForm;
 use nystrom_stream::mesh::{Document, Mesh, ends_with};

@@ -7,7 +7,7 @@ use super::output::JsonArgs;
 use super::progress::words;
 use super::sink::{check_places, scratch_beside};
 use nystrom_stream::base::Result;
-use nystrom_stream::base::printable::human;
+use nystrom_stream::base::printable::{counted, human, noun};
 use nystrom_stream::mesh::size_of_mesh;
 use nystrom_stream::pipeline::SegmentParams;
 use nystrom_stream::pipeline::forecast::{Forecast, Place};
@@ -85,7 +85,8 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
 /// The plan as a table.
 fn table(plan: &Plan) -> String {
     let size = plan.mesh;
-    let (faces, vertices) = (human(size.faces as f64), human(size.vertices as f64));
+    let size_of = |count: u64, word| format!("{} {}", human(count as f64), noun(count as usize, word));
+    let (faces, vertices) = (size_of(size.faces, "face"), size_of(size.vertices, "vertex"));
     let row = |cells: [&str; 6]| {
         let [stage, memory, keeps, temporary, frees, time] = cells;
         format!("{stage:16} {memory:>10} {keeps:>10} {temporary:>10} {frees:>10} {time:>9}\n")
@@ -93,7 +94,7 @@ fn table(plan: &Plan) -> String {
     let bytes = |x: u64| format!("{}B", human(x as f64));
     let seconds = |x: Option<f64>| x.map_or(String::new(), |x| format!("{x:.1}"));
     let most = if size.strips { "at most " } else { "" };
-    let mut text = format!("{most}{faces} faces, {vertices} vertices, {} landmarks\n", plan.landmarks);
+    let mut text = format!("{most}{faces}, {vertices}, {}\n", counted(plan.landmarks, "landmark"));
     text += &row(["stage", "memory", "disk kept", "temporary", "freed", "seconds"]);
     for stage in &plan.stages {
         let [memory, keeps, temporary, frees] =

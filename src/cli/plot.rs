@@ -5,6 +5,7 @@ use super::output::check_charts;
 use super::sink::check_places;
 use nystrom_stream::apps::colours;
 use nystrom_stream::apps::plots::{Dendrogram, Spectrum, TreePlot};
+use nystrom_stream::base::printable::counted;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::cluster::parts::{PartCount, PartTree, PartsParams, TreeCut, detail_threshold};
 use nystrom_stream::pipeline::decision::{read_tree, tree_of};
@@ -137,7 +138,7 @@ pub fn run(args: &PlotArgs) -> Result<(), CliError> {
         let threshold = detail_threshold(params.detail);
         let threshold = (params.count == PartCount::Found).then_some(threshold);
         let how = threshold.map_or("as requested".to_string(), |level| format!("cut at {level:.2}, dashed"));
-        let title = format!("{}: {} parts, {how}", found.name, cut.parts);
+        let title = format!("{}: {}, {how}", found.name, counted(cut.parts, "part"));
         let plot = Dendrogram::of(&tree, &cut);
         let plot = TreePlot { title: &title, plot: &plot, colours: &colours, threshold };
         args.tree.iter().try_for_each(|path| plot.plot(path))?;

@@ -64,6 +64,16 @@ fn unit_words(unit: &str) -> &str {
     }
 }
 
+/// The same for `count` of them.
+fn unit_of(count: u64, unit: &str) -> &str {
+    match (count, unit_words(unit)) {
+        (1, "meshes") => "mesh",
+        (1, "vertices") => "vertex",
+        (1, words) => words.strip_suffix('s').unwrap_or(words),
+        (_, words) => words,
+    }
+}
+
 /// How progress is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
@@ -111,16 +121,12 @@ struct Stage {
 impl Stage {
     /// A line about the stage `name` while it runs.
     fn still(&self, name: &str) -> String {
-        let (seconds, unit) = (self.start.elapsed().as_secs_f64(), unit_words(self.unit));
+        let seconds = self.start.elapsed().as_secs_f64();
         let done = human(self.done as f64);
         let of = if self.total > 0 { format!(" of {}", human(self.total as f64)) } else { String::new() };
+        let unit = unit_of(if self.total > 0 { self.total } else { self.done }, self.unit);
         format!("{:16} {seconds:8.0} s  {done}{of} {unit} so far", words(name))
     }
-}
-
-/// Formats 1 part, 2 parts.
-pub fn counted(count: usize, word: &str) -> String {
-    format!("{count} {word}{}", if count == 1 { "" } else { "s" })
 }
 
 /// A bar of `total` units (0: unknown) with the given `template`.
@@ -273,7 +279,8 @@ impl Progress for Bars {
                 } else {
                     String::new()
                 };
-                let amount = if total > 0 { format!("  {} {unit}{rate}", human(total as f64)) } else { String::new() };
+                let one = unit_of(total, unit);
+                let amount = if total > 0 { format!("  {} {one}{rate}", human(total as f64)) } else { String::new() };
                 tell(&format!("{stage:16} {seconds:8.3} s{amount}"));
             }
             _ => {}
@@ -384,5 +391,6 @@ mod tests {
         assert_eq!(stage.still("rows"), "distance rows           0 s  12 of 30 rows so far");
         let stage = Stage { unit: "faces", total: 0, done: 2_500_000, start: now, reported: now };
         assert_eq!(stage.still("graph"), "dual graph              0 s  2.50 M faces so far");
+        assert_eq!(["faces", "meshes", "vertices"].map(|unit| unit_of(1, unit)), ["face", "mesh", "vertex"]);
     }
 }

@@ -6,14 +6,13 @@ use super::input::{check_there, open_file};
 use super::method::MetricArgs;
 use super::options::{AppContext, CliError, RunArgs, ScratchArgs, misfit};
 use super::output::{JsonArgs, check_charts};
-use super::progress::counted;
 use super::sink::{Sink, check_places};
 use nystrom_stream::apps::plots::charts;
 use nystrom_stream::apps::study::compare::{EmbeddingError, embedding_errors};
 use nystrom_stream::apps::study::points::{PointsParams, SampleMeasures, agreement, pairs};
 use nystrom_stream::apps::study::summary::{Spread, one_to_text, summary, to_csv, to_text};
 use nystrom_stream::apps::study::{CompareParams, Over, SampleRecord, StudyData, StudyParams, StudyWidth, compare};
-use nystrom_stream::base::printable::Significant;
+use nystrom_stream::base::printable::{Significant, counted};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::landmarks::{Sampler, Sampling};
 use nystrom_stream::pipeline::input;
@@ -197,7 +196,7 @@ fn tell(records: &[SampleRecord], args: &QualityArgs, run: &Run) -> Result<()> {
     if let Some(path) = &args.csv {
         Sink::of(path).write(&to_csv(records))?;
     }
-    let meshes = if args.meshes.len() == 1 { "1 mesh".into() } else { format!("{} meshes", args.meshes.len()) };
+    let meshes = counted(args.meshes.len(), "mesh");
     let seeds = counted(args.seeds.unwrap_or(SEEDS) as usize, "seed");
     let title = format!("{meshes}, {seeds}, {} kernel", name_of(args.kernel));
     for path in &args.plot {

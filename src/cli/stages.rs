@@ -12,12 +12,11 @@ use super::options::{
     AppContext, CliError, ForceArgs, ResourceArgs, RunArgs, ScratchArgs, ShownArgs, WorkDirArgs, misfit, open,
 };
 use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, closing_line, outputs_of, scratch_folder};
-use super::progress::counted;
 use super::results::Cut;
 use super::sink::{check_places, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::Error;
-use nystrom_stream::base::printable::line;
+use nystrom_stream::base::printable::{counted, line};
 use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::shard;
 use nystrom_stream::graph::Order;

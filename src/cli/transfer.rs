@@ -9,6 +9,7 @@ use super::results::Results;
 use super::sink::check_places;
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::Error;
+use nystrom_stream::base::printable::counted;
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::store::{Context, WorkDir};
 use serde_json::json;
@@ -64,8 +65,8 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let facts = result.facts;
     let share = facts.uncertain as f64 / facts.faces.max(1) as f64;
     run.progress.note_of_work(&format!(
-        "{} faces, {:.2} % of them uncertain; {} filled in, {} in islands",
-        facts.faces,
+        "{}, {:.2} % of them uncertain; {} filled in, {} in islands",
+        counted(facts.faces as usize, "face"),
         100. * share,
         facts.filled,
         facts.islands

@@ -16,6 +16,7 @@ use super::journal::{JobSpec, Journal, JournalEntry, checksum};
 use super::row_job::RowJob;
 use super::rows::{DistanceRows, ROWS, RowParams, job_spec};
 use super::sampler::Sampler;
+use crate::base::printable::counted;
 use crate::base::sort::sort_by;
 use crate::base::{Error, Result};
 use crate::graph::NodeView;
@@ -44,7 +45,7 @@ pub fn compute(
 ) -> Result<usize> {
     let whole = job_spec(&graph.key, nodes.len(), &params, context.run);
     if shard >= of || of > whole.rows {
-        let problem = format!("{shard}/{of} is not a shard of {} rows", whole.rows);
+        let problem = format!("{shard}/{of} is not a shard of {}", counted(whole.rows, "row"));
         return Err(Error::parameter("shard", problem, "count shards from 0, and use at most one per row"));
     }
     let spec = JobSpec { shard, of, ..whole };

@@ -20,6 +20,7 @@
 
 use super::block_front::{Initial, Message, VisitedPieces};
 use super::voronoi::{self, BlockDijkstra};
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::graph::Csr;
 use crate::store::manifest::{FileRecord, checksum_of};
@@ -188,7 +189,7 @@ impl SharedFront<'_> {
         let Context { work, run } = context;
         let found = self.shares(work)?;
         if let Some(Shares { shares, .. }) = &found {
-            run.progress.note_of_work(&format!("{}: combined from {} shares", self.name, shares.len()));
+            run.progress.note_of_work(&format!("{}: combined from {}", self.name, counted(shares.len(), "share")));
         } else if let Some(of) = self.divisions(work)?.first() {
             let problem = format!("not all {of} shares are present, complete and made with these options");
             run.progress.note_of_work(&format!("{}: {problem}; computed without them", self.name));

@@ -10,6 +10,7 @@ use super::ply::document::Document;
 use super::ply::header::{self, CUT_SHORT, Element, Header, Kind};
 use super::ply::read::{Decoder, decode};
 use super::size::is_pipe;
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::store::mapped::Access;
 use crate::store::new_file::by_rename;
@@ -154,12 +155,14 @@ fn open_bytes(path: &Path, bytes: MappedBytes, is_file: bool, scratch: &Path, ru
         return Err(no_faces(path));
     }
     if strips {
-        notes.push(format!("{}: triangle strips were expanded to {} faces", path.display(), decoded.faces.len()));
+        let faces = counted(decoded.faces.len(), "face");
+        notes.push(format!("{}: triangle strips were expanded to {faces}", path.display()));
     }
     let end = decoded.ranges.last().map_or(header.payload, |range| range.end);
     let rest = bytes[end..].iter().take(1 << 16).any(|byte| !byte.is_ascii_whitespace());
     if rest {
-        notes.push(format!("{}: {} bytes after the last element were ignored", path.display(), bytes.len() - end));
+        let rest = counted(bytes.len() - end, "byte");
+        notes.push(format!("{}: ignored {rest} after the last element", path.display()));
     }
     bytes.advise(Access::Local);
     let (positions, faces, ranges, face_bytes) = (decoded.positions, decoded.faces, decoded.ranges, decoded.face_bytes);

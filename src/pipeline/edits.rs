@@ -6,6 +6,7 @@
 //! milliseconds on cells, and the refinement.
 
 use crate::apps::edits::{Edit, Edits, PlacedEdits};
+use crate::base::printable::counted;
 use crate::base::sort::map_of;
 use crate::base::tally::tally;
 use crate::base::{Error, Result};
@@ -346,7 +347,8 @@ fn around(edits: &Edits, tree: &PartTree, own: &State<'_>, kept: &[Option<usize>
     let rest = if outside.is_empty() { 0 } else { parts.saturating_sub(ids.len()) };
     let few = |_| {
         let last = own.protected.values().copied().max().unwrap_or(0);
-        let problem = format!("{} protected parts and the rest cannot make {parts} parts", ids.len());
+        let (protected, parts) = (counted(ids.len(), "protected part"), counted(parts, "part"));
+        let problem = format!("{protected} and the rest cannot make {parts}");
         edits.wrong(last, problem, "request another number of parts, or remove the edit")
     };
     let pieces = if outside.is_empty() { Vec::new() } else { tree.split(&outside, rest).map_err(few)? };
@@ -485,7 +487,7 @@ impl<'a> State<'a> {
                 self.check(number, first)?;
                 let members: Vec<u32> = (0..self.label.len() as u32).filter(|&cell| part(cell) == first).collect();
                 let pieces = self.tree.split(&members, *into).map_err(|_| {
-                    let problem = format!("the part has {} cells, too few for {into} pieces", members.len());
+                    let problem = format!("the part has {}, too few for {into} pieces", counted(members.len(), "cell"));
                     self.edits.wrong(number, problem, "split into fewer")
                 })?;
                 for (cell, piece) in members.into_iter().zip(pieces).filter(|(_, piece)| *piece > 0) {

@@ -1,6 +1,7 @@
 //! The parameters of `segment`, and their validation.
 
 use crate::base::error::LESS_WORK;
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::cluster::cells;
 use crate::cluster::contract::{self, NODES};
@@ -313,7 +314,7 @@ impl SegmentParams {
         }
         if self.landmarks.is_some_and(|l| l == 0 || l > LANDMARKS_AT_MOST) {
             let remedy = format!("choose from 1 to {LANDMARKS_AT_MOST}");
-            return refused("landmarks", format!("{} landmarks", self.landmarks.unwrap_or(0)), &remedy);
+            return refused("landmarks", counted(self.landmarks.unwrap_or(0), "landmark"), &remedy);
         }
         let usual = PartsParams::default();
         let others = [
@@ -346,10 +347,8 @@ impl SegmentParams {
         self.check()?;
         let wanted = self.parts.count.least();
         if wanted as u64 > faces {
-            let problem = format!(
-                "has {faces} face{}, fewer than the {wanted} parts requested",
-                if faces == 1 { "" } else { "s" }
-            );
+            let faces = counted(faces as usize, "face");
+            let problem = format!("has {faces}, fewer than the {wanted} parts requested");
             return Err(Error::unusable(path, problem, "choose a smaller `parts`"));
         }
         Ok(())

@@ -12,6 +12,7 @@ use super::labels::{self, Clustered, LABELS, SegmentStats};
 use super::params::{Boundaries, SegmentParams, TinyComponents, Walls};
 use super::surface::{Kind, PreparedSurface, SurfaceStage, WeightedSurface};
 use super::units::Units;
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::cluster::area_shares::AreaShares;
 use crate::cluster::boundary::{self, BoundaryMethod, BoundarySurface, CellLabels, RefinedLabels};
@@ -261,8 +262,8 @@ fn decide_on_mesh(
     let (mut all, facts) = context.stage(DecisionStage { surface, params })?;
     if let Some(tree) = tree {
         if tree.cells() != all.tree.cells() {
-            let problem =
-                format!("has {} cells, but the hierarchy of the work directory has {}", tree.cells(), all.tree.cells());
+            let (own, cells) = (counted(tree.cells(), "cell"), all.tree.cells());
+            let problem = format!("has {own}, but the hierarchy of the work directory has {cells}");
             return Err(Error::parameter("tree", problem, "use one that was made in this work directory"));
         }
         all.tree = tree.clone();

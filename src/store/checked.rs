@@ -9,6 +9,7 @@
 use super::MappedSlice;
 use super::npy::Item;
 use super::workdir::WorkDir;
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 
 /// Items checked together; each block is checked without branches.
@@ -46,7 +47,7 @@ impl WorkDir {
         if array.len() == len {
             return Ok(array);
         }
-        Err(self.damaged(name, format!("has {} items instead of {len}", array.len())))
+        Err(self.damaged(name, format!("has {} instead of {len}", counted(array.len(), "item"))))
     }
 
     /// Opens the finished array `name` of `len` indices below `end`.

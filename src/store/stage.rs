@@ -22,6 +22,7 @@ use super::needs::{BudgetEstimate, Extent, Needs};
 use super::run::Context;
 use super::workdir::WorkDir;
 use crate::base::parallel::map_chunks;
+use crate::base::printable::counted;
 use crate::base::sort::map_of;
 use crate::base::{Cancel, Error, Result};
 use serde::Serialize;
@@ -300,7 +301,7 @@ impl WorkDir {
         let path = self.file(name);
         match std::fs::metadata(&path) {
             Ok(found) if found.len() != file.bytes => {
-                Some(format!("has {} bytes instead of {}", found.len(), file.bytes))
+                Some(format!("has {} instead of {}", counted(found.len() as usize, "byte"), file.bytes))
             }
             Ok(_) if self.is_temporary() => None,
             Ok(_) => match checksum(&path) {

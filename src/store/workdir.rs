@@ -485,7 +485,7 @@ mod tests {
         let whole = std::fs::read(work.file("x.npy")).unwrap();
         let mut flipped = whole.clone();
         *flipped.last_mut().unwrap() ^= 1;
-        for (bytes, reason) in [(&whole[..1], "bytes"), (&flipped[..], "damaged")] {
+        for (bytes, reason) in [(&whole[..1], "1 byte instead"), (&flipped[..], "damaged")] {
             std::fs::write(work.file("x.npy"), bytes).unwrap();
             let Err(RebuildReason::Damaged(problem)) = work.reuse::<i32>("s", 1, &key) else { panic!("{reason}") };
             assert!(problem.contains(reason), "{problem}");

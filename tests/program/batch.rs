@@ -368,7 +368,7 @@ fn a_folder_that_cannot_be_listed_fails_and_the_rest_is_done() {
     // Nor may the files of a folder be looked at: each of them fails.
     mode(&closed, 0o644);
     let told = errors(&cut(&closed, "-q"));
-    assert!(told.contains("grid.ply") && told.contains("1 of 1 meshes failed"), "{told}");
+    assert!(told.contains("grid.ply") && told.contains("1 of 1 mesh failed"), "{told}");
     mode(&closed, 0o755);
 }
 

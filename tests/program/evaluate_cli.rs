@@ -120,7 +120,7 @@ fn a_model_without_labels_is_left_out_and_said() {
     std::fs::remove_file(dir.path().join("ours/2.npy")).unwrap();
     let (out, err, code) = outcome(dir.path(), "evaluate --benchmark . ours");
     assert_eq!(code, 0);
-    assert!(err.contains("no labels for 1 models, left out: 2") && !out.contains("hill"), "{err}{out}");
+    assert!(err.contains("no labels for 1 model, left out: 2") && !out.contains("hill"), "{err}{out}");
 }
 
 #[test]

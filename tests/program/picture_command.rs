@@ -144,7 +144,7 @@ fn a_mesh_without_a_place_in_space_is_the_files_fault() {
         let output = program().current_dir(dir.path()).args(&command).output().unwrap();
         let (code, told) = (output.status.code(), errors(&output));
         let last = told.lines().next_back().unwrap_or_default();
-        let start = format!("nystrom-stream: {}: none of its 4 faces has finite coordinates", mesh.display());
+        let start = format!("nystrom-stream: {}: none of its faces has finite coordinates", mesh.display());
         assert!(code == Some(1) && last.starts_with(&start), "{command:?}: {code:?} {told}");
     }
 }

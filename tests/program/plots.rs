@@ -49,7 +49,7 @@ fn work_directories_reports_and_hierarchies_are_plotted() {
     assert_eq!(plot(dir.path(), "tree.json --tree again.svg -k 3").0, 0);
     assert!(text(dir.path(), "again.svg").contains("tree: 3 parts, as requested"));
     assert_eq!(plot(dir.path(), "tree.json --tree one.svg --detail -1").0, 0);
-    assert!(text(dir.path(), "one.svg").contains("tree: 1 parts, cut at 0.00"));
+    assert!(text(dir.path(), "one.svg").contains("tree: 1 part, cut at 0.00"));
     // A number without a digit before its point was taken for an option.
     assert_eq!(plot(dir.path(), "tree.json --tree fewer.svg --detail -.5").0, 0);
 

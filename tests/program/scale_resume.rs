@@ -223,7 +223,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
         let said = told(&output);
         assert!(said.contains("edge weights: reused") && said.contains("decision: reused"), "{said}");
         for front in ["depths", "bands"] {
-            assert!(said.contains(&format!("{front}: combined from {of} shares")), "{said}");
+            assert!(said.contains(&format!("{front}: combined from {of} share")), "{said}");
         }
         assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
         for file in ["surface_shares", "graph_weights", "labels", "quality"] {
@@ -254,7 +254,7 @@ fn shares_of_the_default_recipe_are_one_process_byte_for_byte() {
     ] {
         assert!(said.contains(what), "{what} {said}");
     }
-    assert!(!said.contains("distance rows: reused") && said.contains("depths: combined from 1 shares"), "{said}");
+    assert!(!said.contains("distance rows: reused") && said.contains("depths: combined from 1 share"), "{said}");
     assert!(std::fs::read(&out).unwrap() == std::fs::read(&expected).unwrap());
     // What cannot be divided is said to be done; what is no share is refused.
     let small = dir.path().join("small");

@@ -4,6 +4,7 @@
 //! exact match costs nothing. Scratch is one field per thread, 4 bytes per vertex. [`Errors`] summarises them: mean,
 //! median, and the share of vertices below each of fifty errors, as plotted by correspondence benchmarks.
 
+use crate::base::printable::counted;
 use crate::base::sort::order_by;
 use crate::base::{Error, Result};
 use crate::distance::front::mean_weight;
@@ -71,7 +72,7 @@ impl Errors {
 pub fn distances(graph: &VertexGraph, pairs: &[(u32, u32)], run: &Run) -> Result<Vec<f64>> {
     let n = graph.len();
     if let Some((found, real)) = pairs.iter().find(|(found, real)| *found as usize >= n || *real as usize >= n) {
-        let problem = format!("name vertex {}, but the mesh has only {n} vertices", found.max(real));
+        let problem = format!("name vertex {}, but the mesh has only {}", found.max(real), counted(n, "vertex"));
         return Err(Error::parameter("matches", problem, "give the mesh that the matches point to"));
     }
     let order = order_by(pairs.len(), |i, j| pairs[i].1.cmp(&pairs[j].1));

@@ -1,6 +1,7 @@
 //! User-defined pairs of landmarks: a text file with one pair per line, of vertices (two integers) or of points (six
 //! numbers). Cost: one pass over the faces of each mesh, times the number of points.
 
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::graph::vertex_graph::triangles;
 use crate::mesh::Mesh;
@@ -51,7 +52,7 @@ pub fn read(path: &Path, a: &Mesh, b: &Mesh, run: &Run) -> Result<Vec<(u32, u32)
                 let x = numbers.ok_or_else(|| wrong("contains a value that is not a number".into()))?;
                 pairs.push(Pair::Points([[x[0], x[1], x[2]], [x[3], x[4], x[5]]]));
             }
-            _ => return Err(wrong(format!("has {} numbers", words.len()))),
+            _ => return Err(wrong(format!("has {}", counted(words.len(), "number")))),
         }
     }
     if pairs.is_empty() {

@@ -7,7 +7,7 @@
 use super::data::{Edit, Edits, Place};
 use crate::base::bounds::{EMPTY, around, grow};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
-use crate::base::printable::Significant;
+use crate::base::printable::{Significant, counted};
 use crate::base::vector::{finite, length, minus, triangle_distance};
 use crate::base::{Error, Result};
 use crate::mesh::{Mesh, polygon};
@@ -66,7 +66,7 @@ impl Edits {
         let mut face = |number: usize, place: &Place| match place {
             Place::Face(face) if *face < mesh.faces.len() as u64 => Ok(*face as u32),
             Place::Face(face) => {
-                let problem = format!("there is no face {face}: the mesh has {} faces", mesh.faces.len());
+                let problem = format!("there is no face {face}: the mesh has {}", counted(mesh.faces.len(), "face"));
                 Err(self.wrong(number, problem, "count faces from 0, or name a point on the surface"))
             }
             Place::Point(_) => match found.next() {

@@ -11,6 +11,7 @@ use super::boundaries::Evaluator;
 use super::scores::{ModelScores, ScoreTable, Segmentation};
 use crate::apps::labelled_faces::LabelledFaces;
 use crate::apps::open_labels;
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::mesh::{self, UNLABELLED, ends_with, read_seg};
 use crate::store::{Context, Run, WorkDir, private_folder};
@@ -126,7 +127,8 @@ impl Benchmark {
             truths.iter().map(|(path, labels)| fitting(&surface, path, labels)).collect::<Result<_>>()?;
         if truths.len() < 2 {
             let path = self.folder.join(format!("{}_0.seg", model.name));
-            let problem = format!("{} people have cut this model, but at least two are needed", truths.len());
+            let cut = if truths.is_empty() { "nobody has" } else { "only one person has" };
+            let problem = format!("{cut} cut this model, but at least two are needed");
             return Err(Error::unusable(path, problem, "leave the model out of models.tsv"));
         }
         let scored =
@@ -159,7 +161,7 @@ impl Benchmark {
 /// [`Error::Unusable`] naming `path` otherwise.
 pub fn fitting<'a>(surface: &Evaluator, path: &Path, labels: &'a [u32]) -> Result<Segmentation<'a>> {
     if labels.len() != surface.faces() {
-        let problem = format!("has {} labels for {} faces", labels.len(), surface.faces());
+        let problem = format!("has {} for {}", counted(labels.len(), "label"), counted(surface.faces(), "face"));
         return Err(Error::unusable(path, problem, "give labels of this mesh"));
     }
     surface.segmentation(&path.display().to_string(), labels)

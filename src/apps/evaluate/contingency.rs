@@ -7,6 +7,7 @@
 //! parts, or a hash map of the non-empty cells if that table would be larger than the labels (then 200 ns per face).
 
 use crate::apps::assignment::least_assignment;
+use crate::base::printable::counted;
 use crate::base::sort::order_by;
 use crate::base::{Error, Result};
 use std::collections::HashMap;
@@ -129,7 +130,7 @@ pub(super) fn check_count(name: &str, labels: usize, faces: usize) -> Result<()>
     }
     Err(Error::parameter(
         name,
-        format!("{labels} labels for {faces} faces"),
+        format!("{} for {}", counted(labels, "label"), counted(faces, "face")),
         "give one label per face, in the order of the mesh file",
     ))
 }

@@ -17,6 +17,7 @@ pub use sums::{Measures, Neighbour};
 pub use table::table;
 
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::printable::counted;
 use crate::base::sort::map_of;
 use crate::base::union_find::Forest;
 use crate::base::vector::{MapEach, finite, position_key};
@@ -259,7 +260,7 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
 /// As [`labelled`], and [`Error::Parameter`] for labels that are not below `parts`.
 pub fn parts(mesh: &Mesh, labels: &[u32], parts: usize, context: Context<'_>) -> Result<Vec<Measures>> {
     if let Some(label) = labels.iter().find(|label| **label as usize >= parts) {
-        let problem = format!("label {label} is out of range for {parts} parts");
+        let problem = format!("label {label} is out of range for {}", counted(parts, "part"));
         return Err(Error::parameter("labels", problem, "give one below the number of parts for every face"));
     }
     let mut found = labelled(mesh, labels, context)?;

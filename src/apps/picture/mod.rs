@@ -147,8 +147,7 @@ fn in_common_size(mesh: &Mesh, run: &Run) -> Result<(Mesh, Option<Grant>)> {
 fn frames(mesh: &Mesh, labels: Option<&[u32]>, parts: usize, params: &PictureParams, run: &Run) -> Result<Vec<Frame>> {
     let pieces = viewpoint::sample(mesh, labels, run)?;
     if pieces.is_empty() {
-        let faces = mesh.faces.len();
-        let problem = format!("none of its {faces} faces has finite coordinates, so there is nothing to draw");
+        let problem = "none of its faces has finite coordinates, so there is nothing to draw";
         return Err(Error::unusable(mesh.path(), problem, "give a mesh whose coordinates are finite numbers"));
     }
     let up = params.up.map_or_else(|| viewpoint::upright(&pieces), Up::direction);

@@ -4,6 +4,7 @@
 //! values 8 bytes and 4 more in the finished array.
 
 use crate::base::parallel::{chunk_count, chunk_range};
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::store::npy::ArrayMut;
 use crate::store::shuffle::Producer;
@@ -18,7 +19,11 @@ pub(super) fn check_items(name: &str, items: usize, wanted: usize) -> Result<()>
     if items == wanted {
         return Ok(());
     }
-    Err(Error::parameter(name, format!("{items} items instead of {wanted}"), "give those of the same mesh"))
+    Err(Error::parameter(
+        name,
+        format!("{} instead of {wanted}", counted(items, "item")),
+        "give those of the same mesh",
+    ))
 }
 
 /// Receives records as they are made.

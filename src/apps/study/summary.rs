@@ -3,7 +3,7 @@
 //! Cost: microseconds per record, of which a study has thousands; independent of the mesh size.
 
 use super::compare::SampleRecord;
-use crate::base::printable::Significant;
+use crate::base::printable::{Significant, counted};
 use crate::landmarks::Sampling;
 use serde::Serialize;
 use std::fmt::Write;
@@ -137,7 +137,8 @@ pub fn one_to_text(record: &SampleRecord) -> String {
     let mut tell = |name: &str, value: String| {
         let _ = writeln!(text, "{name:28} {value}");
     };
-    tell("sampling", format!("{}, {} landmarks of {} nodes", record.sampling.name(), record.l, record.nodes));
+    let (landmarks, nodes) = (counted(record.l, "landmark"), counted(record.nodes, "node"));
+    tell("sampling", format!("{}, {landmarks} of {nodes}", record.sampling.name()));
     tell("search", format!("{:.1} fronts besides the {} rows", record.search_fronts, record.l));
     tell("σ", record.sigma.map_or("local".into(), |sigma| format!("{:.6}", Significant(sigma))));
     tell("Γ", format!("{:.6}", m.gamma));

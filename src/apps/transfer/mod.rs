@@ -149,8 +149,7 @@ fn has_opposite_normals(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
 pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) -> Result<Transferred> {
     Labelling::of(labels).fit(from.faces.len())?;
     if labels.iter().all(|&label| label == UNLABELLED) {
-        let problem = format!("none of its {} faces has a label", labels.len());
-        return Err(Error::unusable(from.path(), problem, "label them first"));
+        return Err(Error::unusable(from.path(), "none of its faces has a label", "label them first"));
     }
     let (m, n) = (from.faces.len(), to.faces.len());
     let (from, to) = (&from.without_strays(context.run)?, &to.without_strays(context.run)?);

@@ -7,6 +7,7 @@
 //! cell. A cut is O(S + m).
 
 use super::cell_graph::{CellGraph, compact, small_parts};
+use crate::base::printable::counted;
 use crate::base::sort::sort_by;
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
@@ -224,7 +225,7 @@ impl PartTree {
         if k == 0 || k > n {
             return Err(Error::parameter(
                 "parts",
-                format!("{n} cells cannot make {k} parts"),
+                format!("{} cannot make {k} parts", counted(n, "cell")),
                 format!("request 1 to {n}"),
             ));
         }

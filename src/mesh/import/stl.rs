@@ -4,6 +4,7 @@
 
 use super::target::{Counts, Target, check};
 use super::text::{Lines, without_mark, without_padding};
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::mesh::ply::header::{CUT_SHORT, Scalar};
 use std::path::Path;
@@ -49,11 +50,14 @@ fn examined(path: &Path, bytes: &[u8]) -> Result<(Counts, bool)> {
 
 fn triangles_of_binary(path: &Path, bytes: &[u8]) -> Result<u64> {
     let short = |problem: String| Error::malformed(path, "byte 80", problem, CUT_SHORT);
-    let count = declared_triangles(bytes)
-        .ok_or_else(|| short(format!("the number of triangles is missing: the file has {} bytes", bytes.len())))?;
+    let count = declared_triangles(bytes).ok_or_else(|| {
+        short(format!("the number of triangles is missing: the file has {}", counted(bytes.len(), "byte")))
+    })?;
     let size = FRONT as u64 + RECORD as u64 * count;
     if size > bytes.len() as u64 {
-        return Err(short(format!("{count} triangles take {size} bytes, but the file has {}", bytes.len())));
+        let triangles =
+            format!("{} {}", counted(count as usize, "triangle"), if count == 1 { "takes" } else { "take" });
+        return Err(short(format!("{triangles} {size} bytes, but the file has {}", bytes.len())));
     }
     Ok(count)
 }
@@ -103,7 +107,8 @@ pub(super) fn convert(bytes: &[u8], target: &mut Target, notes: &mut Vec<String>
         }
         let rest = bytes.len() as u64 - FRONT as u64 - RECORD as u64 * faces;
         if rest > 0 {
-            notes.push(format!("{}: {rest} bytes after the last triangle were ignored", path.display()));
+            let rest = counted(rest as usize, "byte");
+            notes.push(format!("{}: ignored {rest} after the last triangle", path.display()));
         }
     }
     for face in 0..faces {

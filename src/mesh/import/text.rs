@@ -1,6 +1,7 @@
 //! Text meshes, read line by line: OBJ and OFF, with any line ending. Needs no memory.
 
 use super::target::{CORRECT, Counts, Target, check};
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::mesh::ply::header::{CUT_SHORT, Scalar, shown};
 use crate::mesh::ply::values::{integer_of, real_of};
@@ -267,8 +268,8 @@ pub(super) mod off {
             target.face(size)?;
             let mut words = line.words().skip(1);
             for _ in 0..size {
-                let word =
-                    words.next().ok_or_else(|| line.wrong(path, &format!("a face of {size} corners ends early")))?;
+                let short = || format!("a face of {} ends early", counted(size as usize, "corner"));
+                let word = words.next().ok_or_else(|| line.wrong(path, &short()))?;
                 let number = integer_of(word)
                     .ok_or_else(|| line.wrong(path, &format!("{} is not a vertex's number", shown(word))))?;
                 target.corner(Some(number), number, line.number)?;

@@ -5,6 +5,7 @@
 //! (`comment`, `obj_info`) keep their place in the output. Cost: one pass over the header, which may have up to
 //! [`LIMIT`] bytes, and a copy of it.
 
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{self, DefaultElement};
@@ -253,10 +254,11 @@ impl Header {
             let least = element.least_bytes(self.encoding);
             if least > left {
                 let (name, count) = (element.name.escape_debug(), element.count);
+                let records = format!("{} {}", counted(count, "record"), if count == 1 { "needs" } else { "need" });
                 return Err(Error::malformed(
                     path,
                     format!("header, element {name}"),
-                    format!("{count} records need at least {least} bytes, but only {left} are left in the file"),
+                    format!("{records} at least {least} bytes, but only {left} are left in the file"),
                     CUT_SHORT,
                 ));
             }

@@ -14,6 +14,7 @@ mod pieces;
 mod strip;
 
 use crate::base::Result;
+use crate::base::printable::counted;
 use crate::mesh::geometry::{Mesh, one_per_face, too_many_vertices};
 use crate::store::Run;
 use crate::store::budget::Grant;
@@ -142,9 +143,9 @@ impl FaceSplit {
     /// Notes how many faces were not split.
     pub fn tell(&self, run: &Run) {
         if self.polygons > 0 {
-            let text = "along boundaries are not triangles and stay whole: triangulate the mesh for boundaries that \
-                        cross them";
-            run.progress.note(&format!("{} faces {text}", self.polygons));
+            let text = "along boundaries left whole, since only triangles are split: triangulate the mesh for \
+                        boundaries that cross them";
+            run.progress.note(&format!("{} {text}", counted(self.polygons, "face")));
         }
     }
 

@@ -13,6 +13,7 @@
 mod coordinates;
 
 use crate::apps::sequence::{self, SequenceOrder, StreamMeasures, VertexUse};
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::distance::DistanceRows;
 use crate::distance::rows::RowParams;
@@ -134,7 +135,7 @@ impl<'a> Sequencer<'a> {
         let run = self.context.run;
         // With fewer, there is no second vector for the order.
         if landmarks.is_some_and(|l| !(3..=LANDMARKS_AT_MOST).contains(&l)) {
-            let problem = format!("{} landmarks", landmarks.unwrap_or(0));
+            let problem = counted(landmarks.unwrap_or(0), "landmark");
             return Err(Error::parameter("landmarks", problem, format!("choose from 3 to {LANDMARKS_AT_MOST}")));
         }
         let (graph, rows) = self.rows(landmarks)?;
