@@ -85,6 +85,15 @@ impl LabelledFaces {
         Ok(Some(Self { labels: writer.finish(false)?, names, colours }))
     }
 
+    /// The same where labels are needed.
+    ///
+    /// # Errors
+    /// As [`LabelledFaces::of_mesh`], and [`Error::Unusable`], with this `remedy`, if there is no such property.
+    pub fn needed_of_mesh(mesh: &Mesh, remedy: &str, context: Context<'_>) -> Result<Self> {
+        let missing = || Error::unusable(mesh.path(), "has no face property `label`", remedy);
+        Self::of_mesh(mesh, context)?.ok_or_else(missing)
+    }
+
     /// The labels of `mesh` in the `.seg` or `.npy` file `path` ([`open_labels`]).
     ///
     /// # Errors

@@ -54,8 +54,7 @@ impl Like {
     pub fn read(path: &Path, work: WorkDir, run: &Run) -> Result<Self, CliError> {
         let mesh = mesh::open(path, work.path(), run)?;
         let remedy = "give a mesh written by nystrom-stream segment, or edits with `edits`";
-        let found = LabelledFaces::of_mesh(&mesh, Context::new(&work, run))?;
-        let mut found = found.ok_or_else(|| Error::unusable(path, "has no face property `label`", remedy))?;
+        let mut found = LabelledFaces::needed_of_mesh(&mesh, remedy, Context::new(&work, run))?;
         let labels = found.labels.clone();
         let colours = found.colours(&mesh, &labels, run)?;
         Ok(Self { _work: work, mesh, labels, colours, names: found.names })

@@ -124,7 +124,7 @@ pub(super) fn check_labels(given: Option<&PathBuf>) -> Result<(), CliError> {
 }
 
 /// The labels of `mesh` in the file `given`, or in the mesh's own file; `None` if there are none.
-pub(super) fn labelled(mesh: &Mesh, given: Option<&Path>, context: Context<'_>) -> Result<Option<LabelledFaces>> {
+fn labelled(mesh: &Mesh, given: Option<&Path>, context: Context<'_>) -> Result<Option<LabelledFaces>> {
     match given {
         Some(path) => LabelledFaces::of_file(path, mesh, context.work).map(Some),
         None => LabelledFaces::of_mesh(mesh, context),

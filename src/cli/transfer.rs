@@ -4,11 +4,11 @@ use super::errors::of_file;
 use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, ResourceArgs, ScratchArgs, ShownArgs};
 use super::output::{JsonArgs, Output, PlyArgs, check_folders, outputs_of, scratch_folder};
-use super::picture::{check_labels, labelled};
+use super::picture::check_labels;
 use super::results::Results;
 use super::sink::check_places;
+use nystrom_stream::apps::labelled_faces::LabelledFaces;
 use nystrom_stream::apps::transfer::transfer;
-use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::counted;
 use nystrom_stream::mesh::ply::labelled::Labelling;
 use nystrom_stream::store::{Context, WorkDir};
@@ -57,9 +57,13 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     // Both meshes may have to be decoded, each into its own folder.
     let (work, source) = (WorkDir::temporary(&tmp)?, WorkDir::temporary(&tmp)?);
     let from = open_file(&args.from, source.path(), &run)?;
-    let found = labelled(&from, args.labels.as_deref(), Context::new(&source, &run))?;
-    let remedy = "segment it first, or give --labels";
-    let mut found = found.ok_or_else(|| Error::unusable(&args.from, "has no face property `label`", remedy))?;
+    let mut found = match &args.labels {
+        Some(path) => LabelledFaces::of_file(path, &from, &source)?,
+        None => {
+            let remedy = "segment it first, or give --labels";
+            LabelledFaces::needed_of_mesh(&from, remedy, Context::new(&source, &run))?
+        }
+    };
     let to = open_file(&args.to, work.path(), &run)?;
     let result = transfer(&from, &found.labels, &to, Context::new(&work, &run))?;
     let facts = result.facts;

@@ -150,9 +150,7 @@ impl Colours {
     /// # Errors
     /// [`Error::Unusable`] if B's faces have no labels, [`Error::Io`], [`Error::Cancelled`].
     pub fn by_parts(b: &Mesh, context: Context<'_>) -> Result<Self> {
-        let remedy = "segment it first, or colour by position";
-        let found = LabelledFaces::of_mesh(b, context)?;
-        let mut found = found.ok_or_else(|| Error::unusable(b.path(), "has no face property `label`", remedy))?;
+        let mut found = LabelledFaces::needed_of_mesh(b, "segment it first, or colour by position", context)?;
         let labels = found.labels.clone();
         let palette = found.colours(b, &labels, context.run)?;
         let faces = first_faces(b, context)?;

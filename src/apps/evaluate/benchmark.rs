@@ -179,9 +179,8 @@ pub fn read_labels(path: &Path, scratch: &Path, run: &Run) -> Result<Vec<u32>> {
     let work = WorkDir::in_memory(scratch, &run.budget);
     let labels = if ends_with(path, "ply") {
         let mesh = mesh::open(path, scratch, run)?;
-        let found = LabelledFaces::of_mesh(&mesh, Context::new(&work, run))?;
         let remedy = "give a mesh that was written with labels";
-        found.ok_or_else(|| Error::unusable(path, "has no face property `label`", remedy))?.labels
+        LabelledFaces::needed_of_mesh(&mesh, remedy, Context::new(&work, run))?.labels
     } else {
         let known = ends_with(path, "seg") || ends_with(path, "npy");
         let remedy = "give a .seg, .npy or .ply file";
