@@ -10,6 +10,10 @@ use std::time::Instant;
 
 /// Receives progress of stages. Every method does nothing by default.
 ///
+/// A stage that fails or is cancelled begins but does not end, and its error is returned. So a listener that displays
+/// stages removes what it displays of unfinished ones when it is dropped; if a stage of the same name begins again, it
+/// replaces the first.
+///
 /// Builders take a listener, or an `Arc` or `Box` of one, also of one chosen at run time:
 ///
 /// ```
@@ -32,7 +36,7 @@ pub trait Progress: Sync {
     fn begin(&self, _stage: &str, _unit: &'static str, _total: u64) {}
     /// `done` more units of the stage are finished.
     fn advance(&self, _stage: &str, _done: u64) {}
-    /// The stage is finished after `seconds`.
+    /// The stage has succeeded after `seconds`.
     fn end(&self, _stage: &str, _seconds: f64) {}
     /// A remark about the mesh or the result: an oddity of the input, an ambiguous match. Reports list it.
     fn note(&self, _text: &str) {}

@@ -101,7 +101,8 @@ impl<'a> Run<'a> {
         size_of_val(array) as u64 * IN_USE > self.resident
     }
 
-    /// Runs `work` as a stage and reports its begin, end and time. Returns its result and its seconds.
+    /// Runs `work` as a stage and reports its begin, and if it succeeds its end and time. Returns its result and its
+    /// seconds.
     ///
     /// # Errors
     /// Those of `work`.
@@ -260,6 +261,30 @@ impl<'a> Context<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Error;
+    use std::sync::Mutex;
+
+    #[test]
+    fn a_stage_that_fails_begins_and_does_not_end() {
+        #[derive(Default)]
+        struct Heard(Mutex<Vec<&'static str>>);
+        impl Progress for Heard {
+            fn begin(&self, _: &str, _: &'static str, _: u64) {
+                parallel::lock(&self.0).push("begin");
+            }
+
+            fn end(&self, _: &str, _: f64) {
+                parallel::lock(&self.0).push("end");
+            }
+        }
+        let heard = Heard::default();
+        let run = Run::new(&heard);
+        assert!(run.stage("rows", "rows", 1, || Err::<(), _>(Error::internal("no"))).is_err());
+        assert!(run.stage("rows", "rows", 1, || Ok(())).is_ok());
+        run.cancel.cancel();
+        assert!(run.stage("rows", "rows", 1, || Ok(())).is_err());
+        assert_eq!(parallel::lock(&heard.0)[..], ["begin", "begin", "end"]);
+    }
 
     #[test]
     fn threads_fit_the_budget_and_one_always_does() {
