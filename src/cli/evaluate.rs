@@ -209,19 +209,7 @@ fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: 
         let problem = format!("has {}, but {} has only {n}", counted(found.len(), "vertex"), mesh.display());
         return Err(Error::unusable(matches, problem, "vertices cannot be matched by number; give --truth"));
     }
-    let real = |v: usize| real.as_ref().map_or(Some(v as u32), |real| real[v]);
-    let step = found.len().div_ceil(samples).max(1);
-    let (mut pairs, mut unmatched) = (Vec::new(), 0);
-    for v in (0..found.len()).step_by(step) {
-        match (found[v], real(v)) {
-            (Some(found), Some(real)) => pairs.push((found, real)),
-            (None, Some(_)) => unmatched += 1,
-            (_, None) => {}
-        }
-    }
-    let evaluate = || accuracy::distances(&graph, &pairs, run);
-    let (errors, _) = run.stage("march", "vertices", pairs.len() as u64, evaluate)?;
-    let errors = Errors::of(errors, unmatched);
+    let errors = accuracy::errors(&graph, &found, real.as_deref(), samples, run)?;
     let mut text = format!(
         "{} scored, {} without a match\nerror / √area: mean {:.4}, median {:.4}, 90 % below {:.4}, greatest \
          {:.4}\n",

@@ -65,6 +65,32 @@ impl Errors {
     }
 }
 
+/// The errors of the matches `found`, vertices on `graph`, where `real` are the true ones, or vertices of the same
+/// number if there are none: at up to `samples` vertices, evenly spread.
+///
+/// # Errors
+/// As [`distances`].
+pub fn errors(
+    graph: &VertexGraph,
+    found: &[Option<u32>],
+    real: Option<&[Option<u32>]>,
+    samples: usize,
+    run: &Run,
+) -> Result<Errors> {
+    let step = found.len().div_ceil(samples.max(1)).max(1);
+    let (mut pairs, mut unmatched) = (Vec::new(), 0);
+    for v in (0..found.len()).step_by(step) {
+        match (found[v], real.map_or(Some(v as u32), |real| real.get(v).copied().flatten())) {
+            (Some(found), Some(real)) => pairs.push((found, real)),
+            (None, Some(_)) => unmatched += 1,
+            (_, None) => {}
+        }
+    }
+    let march = || distances(graph, &pairs, run);
+    let (errors, _) = run.stage("march", "vertices", pairs.len() as u64, march)?;
+    Ok(Errors::of(errors, unmatched))
+}
+
 /// The distances between the pairs of vertices (found, true) on `graph`, in units of √area, in the order of `pairs`.
 ///
 /// # Errors
