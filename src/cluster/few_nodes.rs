@@ -1,4 +1,5 @@
-//! Passes over all nodes of a graph that find a few of them.
+//! Passes over all nodes of a graph that find a few of them. Time: one look at each node, and at the neighbours of
+//! those looked for. Memory: 4 bytes per node found, and 8 per node of the chunk that a thread works on.
 
 use crate::base::Result;
 use crate::graph::Csr;

@@ -1,4 +1,4 @@
-//! The parameters of `segment`, and their validation.
+//! The parameters of `segment`, and their validation: a few hundred bytes, and comparisons of numbers.
 
 use crate::base::error::LESS_WORK;
 use crate::base::printable::counted;

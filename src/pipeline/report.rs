@@ -1,4 +1,5 @@
-//! The report of a run: one JSON object.
+//! The report of a run: one JSON object. It takes a kilobyte per part, and a look at the size of each file in the work
+//! directory.
 
 use super::labels::{Part, SegmentedMesh};
 use super::params::SegmentParams;

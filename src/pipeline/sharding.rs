@@ -9,6 +9,9 @@
 //! divided by ranges of nodes: those of the normals, then that of the contraction; after its rows, those of the
 //! boundaries ([`super::shared_boundaries`]). The stages that need these use the shares ([`SharedFront`],
 //! [`shard::merge`]).
+//!
+//! Cost, beside the stages themselves: each process reads the files of the stages that it builds on once, for their
+//! checksums. The record of a divided stage takes some hundred bytes.
 
 use super::decision::{CONTRACTED, manifest_of_contraction};
 use super::input::Record;

@@ -1,4 +1,6 @@
-//! The manifest of a work directory: which stages are finished, under which keys, with which files.
+//! The manifest of a work directory: which stages are finished, under which keys, with which files. It is read and
+//! written as a whole: some hundred bytes per stage and file, and a kilobyte per part once there are labels. A checksum
+//! takes one read of its file.
 
 use super::mapped::{Access, MappedBytes};
 use crate::base::Result;
