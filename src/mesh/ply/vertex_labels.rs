@@ -2,7 +2,7 @@
 //!
 //! Labels are tallied in blocks of vertices as large as the budget allows, with one pass over the faces per block. A
 //! vertex has room for [`KINDS`] labels, so its result is exact if no more meet there, on fewer than 65,536 faces each;
-//! 20 bytes per vertex.
+//! 24 bytes per vertex. A face counts once at a vertex, however many of its corners are there.
 
 use crate::base::Result;
 use crate::mesh::geometry::Mesh;
@@ -21,10 +21,17 @@ const CHUNK: usize = 1 << 16;
 struct Tally {
     labels: [u32; KINDS],
     counts: [u16; KINDS],
+    /// The number of the last face counted, from 1; 0 if there is none.
+    last: u32,
 }
 
 impl Tally {
-    fn add(&mut self, label: u32) {
+    /// Counts `face`, whose label is `label`; faces come in ascending order.
+    fn add(&mut self, face: usize, label: u32) {
+        let last = std::mem::replace(&mut self.last, face as u32 + 1);
+        if last == self.last {
+            return;
+        }
         let known = (0..KINDS).find(|&k| self.counts[k] > 0 && self.labels[k] == label);
         match known.or_else(|| (0..KINDS).find(|&k| self.counts[k] == 0)) {
             Some(k) => {
@@ -94,7 +101,7 @@ impl<'a> VertexLabels<'a> {
             self.mesh.faces.for_each(first..faces.min(first + CHUNK), |face, corners| {
                 for &corner in corners {
                     if let Some(tally) = (corner as usize).checked_sub(start).and_then(|at| self.block.get_mut(at)) {
-                        tally.add(self.labels[face]);
+                        tally.add(face, self.labels[face]);
                     }
                 }
             });
@@ -113,12 +120,21 @@ mod tests {
     fn a_vertex_of_faces_has_a_label() {
         for n in 1..9u32 {
             let mut tally = Tally::default();
-            (0..n).for_each(|k| tally.add(3 * k % n));
+            (0..n).for_each(|k| tally.add(k as usize, 3 * k % n));
             assert!(tally.most().is_some(), "{n}");
         }
         let mut tally = Tally::default();
-        [9, 5, 7, 6].into_iter().for_each(|label| tally.add(label));
+        [9, 5, 7, 6].into_iter().enumerate().for_each(|(face, label)| tally.add(face, label));
         assert_eq!(tally.most(), Some(5));
+    }
+
+    /// Regression: a degenerate face counted once for each of its corners at a vertex.
+    #[test]
+    fn a_face_counts_once_at_a_vertex() {
+        let mesh = Mesh::from_slices(&[[0.; 3]; 5], &[[0u32, 1, 2], [0, 2, 3], [0, 0, 0], [0, 4, 0]]).unwrap();
+        let run = Run::new(&());
+        let mut votes = VertexLabels::new(&mesh, &[3, 3, 1, 2], &run).unwrap();
+        assert_eq!([0, 4].map(|vertex| votes.get(vertex).unwrap()), [Some(3), Some(2)]);
     }
 
     #[test]
