@@ -45,6 +45,8 @@ const FINISHED: usize = 5;
 /// Numbers of sample points of A and of B with which the chosen map is refitted, and how often.
 const MORE: ([usize; 2], usize) = ([3000, 1 << 14], 3);
 
+/// Cost of transport below which costs are equal for ranking.
+const LEAST_TRANSPORT: f64 = 1e-12;
 /// Weight of a given pair of landmarks.
 const WEIGHT: usize = 20;
 /// Number of given landmarks whose distances locate a vertex.
@@ -141,8 +143,10 @@ pub struct Outcome {
 impl Outcome {
     /// The ranking criterion of results, least first.
     pub fn rank(&self) -> f64 {
+        // At a cost of exactly 0, that of a mesh and itself, all results of a start would rank alike.
+        let transport = self.transport.max(LEAST_TRANSPORT);
         // Given landmarks are accurate to about a hundredth.
-        self.distortion * self.residual * self.transport * (0.02 + self.landmarks.unwrap_or(0.))
+        self.distortion * self.residual * transport * (0.02 + self.landmarks.unwrap_or(0.))
     }
 }
 
@@ -442,4 +446,29 @@ pub fn rivals(outcomes: &[Outcome], b: Refinable<'_>) -> Vec<Outcome> {
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Regression: of a mesh and itself the transport costs exactly 0, so that results of one start ranked alike, and a
+    /// mesh with spikes was mapped onto itself by the worst of them.
+    #[test]
+    fn results_of_one_start_are_ranked_even_if_transport_costs_nothing() {
+        let outcome = |distortion, transport| Outcome {
+            start: Start::Alignment(0),
+            initial_functions: FIRST[0],
+            distortion,
+            residual: 0.3,
+            coverage: 0.7,
+            transport,
+            landmarks: None,
+            orientation: None,
+            map: DMatrix::identity(1, 1),
+            sample: Vec::new(),
+        };
+        assert!(outcome(0.24, 0.).rank() < outcome(0.38, 0.).rank());
+        assert!(outcome(0.38, 0.).rank() < outcome(0.38, 0.01).rank());
+    }
 }
