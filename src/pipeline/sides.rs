@@ -216,6 +216,8 @@ impl<'a> Side<'a> {
         }
         let surface = Surface::of(&graph);
         let row_params = RowParams { l: params.landmarks.min(graph.len()), sampling: params.sampling };
+        // Refused before rows are computed.
+        OrthogonalEmbedding::memory(row_params.l, context.run)?;
         let rows = if input.is_some() {
             vertex_rows::open_or_build(surface, row_params, params.distance, &key, context)?
         } else {

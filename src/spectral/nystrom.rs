@@ -28,6 +28,8 @@ use crate::base::printable::Significant;
 use crate::base::{Error, Result, eigen};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
+use crate::store::budget::Grant;
+use crate::store::needs::BESIDE_BUDGET;
 use crate::store::{Context, MappedSlice, Run};
 use nalgebra::{DMatrix, DMatrixView};
 use serde::{Deserialize, Serialize};
@@ -341,12 +343,25 @@ fn mean_distance(rows: &DistanceRows, nodes: &[Node]) -> f64 {
 }
 
 impl OrthogonalEmbedding {
+    /// What [`OrthogonalEmbedding::fit`] takes from the budget for `landmarks` landmarks, and the run on as many
+    /// threads as that has room for.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn memory<'a>(landmarks: usize, run: &Run<'a>) -> Result<(Run<'a>, Grant)> {
+        let l = landmarks as u64;
+        // Matrices among landmarks, some of them per thread; columns of a chunk, their coordinates, and these weighted.
+        let bytes = (32 * l * l, 16 * l * l + 24 * CHUNK as u64 * l);
+        run.threads_beside("an embedding with so many landmarks", bytes, BESIDE_BUDGET)
+    }
+
     /// Fits the embedding on all of `rows`, over vertices with the areas in `nodes`.
     ///
     /// # Errors
     /// [`Error::Parameter`], [`Error::Cancelled`].
     pub fn fit(rows: &DistanceRows, nodes: &[Node], params: OrthogonalParams, run: &Run) -> Result<Self> {
         params.check()?;
+        let (run, _grant) = &Self::memory(rows.len(), run)?;
         let sigma = params.width * mean_distance(rows, nodes);
         let share = area_shares(nodes);
         let block = RowAffinities { rows, kernel: params.kernel, sigma };

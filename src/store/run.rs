@@ -64,6 +64,22 @@ impl<'a> Run<'a> {
         Ok((self.with_threads((grant.bytes() - held) / bytes.max(1)), grant))
     }
 
+    /// The same, but `beside` of the bytes of one thread and of what is held need no room in the budget.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn threads_beside(
+        &self,
+        what: &'static str,
+        (held, bytes): (u64, u64),
+        beside: u64,
+    ) -> Result<(Run<'a>, Grant)> {
+        let least = held.saturating_add(bytes).saturating_sub(beside);
+        let others = bytes.saturating_mul(self.threads.saturating_sub(1) as u64);
+        let grant = self.budget.take(what, least, least.saturating_add(others))?;
+        Ok((self.with_threads(1 + (grant.bytes() - least) / bytes.max(1)), grant))
+    }
+
     /// This run on up to `most` of its threads, but at least one.
     pub fn with_threads(&self, most: u64) -> Run<'a> {
         let threads = most.clamp(1, self.threads.max(1) as u64) as usize;
@@ -298,5 +314,9 @@ mod tests {
         assert_eq!(run.threads_within(10).0.threads, 8);
         assert_eq!(run.some_threads("rows", 0, 400).unwrap().0.threads, 2);
         assert_eq!(run.some_threads("rows", 100, 300).unwrap().0.threads, 3);
+        for (beside, threads) in [(0, 2), (400, 3), (1000, 3)] {
+            assert_eq!(run.threads_beside("rows", (100, 350), beside).unwrap().0.threads, threads);
+        }
+        assert!(run.threads_beside("rows", (1000, 300), 299).is_err());
     }
 }

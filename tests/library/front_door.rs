@@ -8,8 +8,8 @@ use nystrom_stream::graph::DualGraph;
 use nystrom_stream::mesh::Faces;
 use nystrom_stream::mesh::split_faces::FaceSplit;
 use nystrom_stream::options::{
-    Boundaries, Cluster, Decision, Edit, Edits, EmbeddingParams, Kernel, Order, PartForm, SequenceOrder, UNLABELLED,
-    Walls,
+    Boundaries, Cluster, Decision, Edit, Edits, EmbeddingParams, Kernel, Order, PartForm, Refine, SequenceOrder,
+    UNLABELLED, Walls,
 };
 use nystrom_stream::pipeline::labels::Labels;
 use nystrom_stream::store::{Context, Run, WorkDir};
@@ -466,4 +466,23 @@ fn a_report_says_that_rows_are_over_all_faces() {
         let cut = Segmenter::new().parts(4).boundaries(boundaries).run(&mesh).unwrap();
         assert_eq!(cut.report().options["exact"], exact);
     }
+}
+
+/// Regression: matrices among landmarks were allocated whatever the budget, 121 MB of 16 MiB for 1,500 landmarks.
+#[test]
+fn what_many_landmarks_take_must_fit_the_budget() {
+    let mesh = Mesh::creature(4_000).unwrap();
+    let small = 16 << 20;
+    let told = [
+        Matcher::new().landmarks(1_500).memory(small).run(&mesh, &mesh).map(drop).unwrap_err(),
+        SamplingQuality::new().landmarks([1_500]).memory(small).run(&mesh).map(drop).unwrap_err(),
+    ];
+    for error in told {
+        let text = error.to_string();
+        assert!(matches!(error, Error::Memory { .. }) && text.contains("so many landmarks"), "{text}");
+    }
+    // What the defaults take lies beside the budget.
+    SamplingQuality::new().memory(1 << 20).run(&mesh).unwrap();
+    let found = |memory| Matcher::new().refine(Refine::None).landmarks(300).memory(memory).run(&mesh, &mesh).unwrap();
+    assert_eq!(found(small).matches(), found(1 << 30).matches());
 }

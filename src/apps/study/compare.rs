@@ -2,8 +2,9 @@
 //! of the extrapolated embeddings from the true one.
 //!
 //! Most samplings are nested ([`Sampling::is_nested`]), so each is run once per seed, with the greatest l; one that is
-//! not is run for every l. Runs are distributed over threads. Memory: a field of 4 n bytes per thread from the budget;
-//! rows are in the matrix of all distances, or in mapped files that are removed with the run.
+//! not is run for every l. Runs are distributed over threads. Memory per thread, from the budget: a field of 4 n bytes,
+//! and matrices of the landmarks. Rows are in the matrix of all distances, or in mapped files that are removed with the
+//! run.
 //!
 //! The true embedding ([`embedding_errors`]) consists of the leading eigenvectors of all of W times the square roots of
 //! their eigenvalues; weighted by area, those of M^½WM^½, times M^-½. Coordinates are compared after the best rotation.
@@ -15,10 +16,11 @@ use crate::base::{Error, Result};
 use crate::distance::front::{Front, mean_weight};
 use crate::distance::sampler::VisitCount;
 use crate::landmarks::{GraphSpace, MatrixSpace, Sampling, SamplingParams, SearchGraph, Space};
-use crate::spectral::affinity::{AffinityBlock, Bandwidth, KeptEigenpairs, SampledBlock};
+use crate::spectral::affinity::{AffinityBlock, Bandwidth, CHUNK, KeptEigenpairs, SampledBlock};
 use crate::spectral::kernel::Kernel;
 use crate::spectral::measures::{Measures, TrueErrors, aligned_error, exact, leading, measure};
 use crate::spectral::nystrom::{ExtensionParams, Extrapolation, NodeWeight, NystromExtension, Scaling};
+use crate::store::needs::BESIDE_BUDGET;
 use crate::store::{Context, MappedSlice, Run};
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -150,6 +152,10 @@ pub struct SampleRecord {
     pub landmarks: Vec<u32>,
 }
 
+/// Bytes per pair of landmarks while a sample is measured: affinities, eigenvectors and roots.
+const MATRICES: u64 = 40;
+/// Bytes per landmark and column of a chunk.
+const COLUMNS: u64 = 16;
 /// Maximum number of eigenvectors that are compared with true ones.
 pub const VECTORS: usize = 6;
 
@@ -174,8 +180,11 @@ pub fn compare(
             jobs.extend(sizes.iter().map(|&l| (sampling, seed, l)));
         }
     }
-    let bytes = 4 * (ground.len() * context.run.threads.min(jobs.len())) as u64;
-    let _grant = context.run.budget.take("fields of samplings", bytes, bytes)?;
+    let l = most as u64;
+    let bytes = 4 * ground.len() as u64 + (MATRICES * l + COLUMNS * CHUNK as u64).saturating_mul(l);
+    // Half of what is left stays for what each job takes itself.
+    let run = context.run.with_threads((context.run.budget.left() / 2 / bytes.max(1)).min(jobs.len() as u64));
+    let (run, _grant) = run.threads_beside("samples of so many landmarks", (0, bytes), BESIDE_BUDGET)?;
     let one = Run {
         threads: 1,
         budget: context.run.budget.clone(),
@@ -185,7 +194,7 @@ pub fn compare(
         seed: context.run.seed,
     };
     let compute = || {
-        context.run.map_chunks(
+        run.map_chunks(
             jobs.len(),
             || (),
             |k, ()| {
