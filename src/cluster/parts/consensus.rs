@@ -60,7 +60,7 @@ pub fn single_run(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, 
     let superfaces = &measured.superfaces;
     let list = merges(
         measured.regions(cells, &superfaces.of_cell, superfaces.len(), MIDDLE_WIDTH),
-        &MergeModel::default(),
+        &MergeModel::by_cost(),
         |_| false,
     );
     let first = &superfaces.first;
@@ -92,7 +92,7 @@ pub fn consensus(cells: &CellGraph, rows: &LandmarkDistances, small_part: f64, r
             let factor = STOP_FACTOR[0] + (STOP_FACTOR[1] - STOP_FACTOR[0]) * unit(&mut random);
             let stop = ln(CONSENSUS_STOP * factor);
             let regions = measured.regions(cells, &m.region, m.regions, m.width);
-            let into = classes_after(m.regions, &merges(regions, &MergeModel::default(), |cost| cost < stop));
+            let into = classes_after(m.regions, &merges(regions, &MergeModel::by_cost(), |cost| cost < stop));
             let label: Vec<u32> = superfaces.labels(&m.region).iter().map(|&r| into[r as usize]).collect();
             Ok(compact(&label))
         },
@@ -148,7 +148,7 @@ fn grouped(
         first[k as usize] = first[k as usize].min(cell);
     }
     let regions = measured.regions(cells, &of_cell, count, MIDDLE_WIDTH);
-    for m in merges(regions, &MergeModel::default(), |_| false) {
+    for m in merges(regions, &MergeModel::by_cost(), |_| false) {
         let level = level(m.log_cost, CONSENSUS_STOP).min(GROUP_LEVEL);
         let rank = f64::from(-(unions.len() as i32));
         unions.push(CellUnion { level, rank, a: first[m.i], b: first[m.j] });
