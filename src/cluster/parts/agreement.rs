@@ -22,7 +22,7 @@ use libm::log as ln;
 /// Below this share a part is uncertain: most people would not have it.
 pub const UNSURE: f64 = 0.5;
 /// Area-weighted mean share below which a surface has no clear parts.
-pub const UNCLEAR: f64 = 0.57;
+pub const UNCLEAR: f64 = 0.605;
 /// Constant, coefficient of the confidence, coefficient of the logarithm of the width.
 const FITTED: [f64; 3] = [0.68, 3.28, 0.96];
 /// Factor and power that convert the disagreement expected by the ensemble to that of people.

@@ -4,12 +4,12 @@
 //! features of both regions and of their boundary ([`super::merge_features`]). One of them is the cost of the merge,
 //! W / min(A)^.75 · conv³, with W the strength of the common boundary, A the areas, and conv the share of cell pairs
 //! across it that see each other as convex, relative to the regions' own shares, so that the inside of a cup stays
-//! whole. The merge with the greatest cost · odds^.25 comes first, odds between e⁻² and e². So later features are those
-//! of regions that people would have, as in learned agglomeration (Nunez-Iglesias et al. 2013, *Machine learning of
-//! hierarchical clustering to segment 2D and 3D images*; docs/dev/segmentation-experiments.md).
+//! whole. The merge with the greatest cost · odds^.25 comes first, with odds between e⁻² and e². So later features are
+//! those of regions that people would have, as in learned agglomeration (Nunez-Iglesias et al. 2013, *Machine learning
+//! of hierarchical clustering to segment 2D and 3D images*; docs/dev/segmentation-experiments.md).
 //!
-//! Cost for R regions, some thirty: priorities of a region with its neighbours per merge, at most R² comparisons. For an
-//! ensemble of twelve, priorities take 1.8 % of the instructions of a run over 12,572 faces.
+//! Cost for R regions, some thirty: the priorities of one region with its neighbours per merge, at most R² comparisons.
+//! For an ensemble of twelve, priorities take 1.8 % of the instructions of a run over 12,572 faces.
 
 use super::matrix::Square;
 use super::merge_features::{FEATURES, log, merge_features};
@@ -30,8 +30,8 @@ pub struct MergeModel {
     pub area_power: f64,
     /// Exponent of the relative convexity in the cost.
     pub convexity_power: f64,
-    /// Exponent of the odds in the order of merges, which is that of cost · odds^this. With 0, the order is that of cost
-    /// alone, and odds are computed only where regions merge.
+    /// Exponent of the odds in the order of merges, which is that of cost · odds^this. With 0, odds are computed only
+    /// where regions merge.
     pub odds_power: f64,
     /// Log odds that people keep two regions together, of the [`merge_features`].
     pub odds: Cow<'static, BoostedTrees>,
