@@ -20,7 +20,7 @@
 
 use super::affinity::{Degrees, KeptEigenpairs, landmark_affinities};
 use super::anchor::{BACKGROUND, RowProducts, nearest_shares};
-use super::kernel::Kernel;
+use super::kernel::{Kernel, check_width};
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::printable::Significant;
 use crate::base::random::{stratified, stream};
@@ -165,10 +165,7 @@ impl EmbeddingParams {
     /// [`Error::Parameter`] for a width or a kernel out of range, or zero dimensions.
     pub fn check(&self) -> Result<()> {
         let (KernelWidth::Mean(width) | KernelWidth::Fixed(width)) = self.width;
-        if !(width > 0. && width < 1e6) {
-            let problem = format!("{} is not a width", Significant(width));
-            return Err(Error::parameter("width", problem, "choose a positive number below 1000000"));
-        }
+        check_width(width)?;
         if self.dimensions == 0 {
             return Err(Error::parameter("dimensions", "0 dimensions", "choose at least 1"));
         }

@@ -4,6 +4,7 @@
 //! landmarks use `f64` ([`Kernel::of`]). Cost: some ten operations per distance, no memory.
 
 use super::exp::{exp, exp64};
+use crate::base::printable::Significant;
 use crate::base::simd::{SimdKernel, dispatch};
 use crate::base::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -33,6 +34,18 @@ pub enum Kernel {
     Matern,
     /// 1/(1 + d²/σ²).
     Cauchy,
+}
+
+/// Validates a kernel's width σ, in any unit.
+///
+/// # Errors
+/// [`Error::Parameter`] if it is not a positive number below a million.
+pub(super) fn check_width(width: f64) -> Result<()> {
+    if width > 0. && width < 1e6 {
+        return Ok(());
+    }
+    let problem = format!("{} is not a width", Significant(width));
+    Err(Error::parameter("width", problem, "choose a positive number below 1000000"))
 }
 
 impl Kernel {

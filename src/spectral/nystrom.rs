@@ -22,9 +22,8 @@
 //! per vertex in `f64`. A point is 8 `f32`, with zeros beyond the requested dimensions: 32 bytes per vertex on disk.
 
 use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
-use super::kernel::Kernel;
+use super::kernel::{Kernel, check_width};
 use crate::base::parallel::{chunk_count, chunk_range};
-use crate::base::printable::Significant;
 use crate::base::{Error, Result, eigen};
 use crate::distance::DistanceRows;
 use crate::graph::Node;
@@ -266,10 +265,7 @@ impl OrthogonalParams {
             let problem = format!("{} is out of range", self.dimensions);
             return Err(Error::parameter("dimensions", problem, format!("choose from 2 to {MOST_DIMENSIONS}")));
         }
-        if !(self.width > 0. && self.width < 1e6) {
-            let problem = format!("{} is not a width", Significant(self.width));
-            return Err(Error::parameter("width", problem, "choose a positive number below 1000000"));
-        }
+        check_width(self.width)?;
         self.kernel.check()
     }
 }

@@ -59,9 +59,7 @@ impl<'a> Run<'a> {
     /// # Errors
     /// [`crate::base::Error::Memory`] if there is no room for one thread; `what` names the purpose.
     pub fn some_threads(&self, what: &'static str, held: u64, bytes: u64) -> Result<(Run<'a>, Grant)> {
-        let all = bytes.saturating_mul(self.threads as u64);
-        let grant = self.budget.take(what, held + bytes, held.saturating_add(all))?;
-        Ok((self.with_threads((grant.bytes() - held) / bytes.max(1)), grant))
+        self.threads_beside(what, (held, bytes), 0)
     }
 
     /// The same, but `beside` of the bytes of one thread and of what is held need no room in the budget.
