@@ -74,7 +74,7 @@ impl Trees {
         let together = mean_over_ensemble(self.superfaces.len(), &trees, &run)?;
         let best = best_labelling(&self.superfaces.area, &together);
         let small_part = PartsParams::default().small_part;
-        let tree = soft_hierarchy(&self.cells, &self.superfaces, &together, &best, small_part, &run)?;
+        let tree = soft_hierarchy(&self.cells, &self.superfaces, &together, &best, None, small_part, &run)?;
         let (found, given) = (tree.cut_detail(0.), tree.cut_k(parts)?);
         Ok(Score { found: self.rand(&found.label), given: self.rand(&given.label) })
     }

@@ -11,7 +11,7 @@ use super::ensemble::Superfaces;
 use super::interior::enclosed::Layers;
 use super::interior::layered::{self, CoAssociation};
 use super::matrix::Square;
-use super::symmetry::both_sides::cut_alike;
+use super::symmetry::both_sides::Sides;
 use super::symmetry::cell_map::Surface;
 use super::symmetry::limbs::limb_maps;
 use super::symmetry::mirror_images::{LEAST_LIKENESS, MirrorImages, mirror_images, symmetrised};
@@ -106,10 +106,11 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
         let maps = limbs.iter().map(Vec::as_slice).chain(sides.iter().map(|side| std::slice::from_ref(*side)));
         let alike = maps.fold(c, |c, maps| symmetrised(&c, &superfaces.of_cell, &shares, maps));
         let mut best = labelling::best_labelling(&superfaces.area, &alike);
-        if let Some(side) = sides.last() {
-            best = cut_alike(best, &superfaces, &alike, &shares, side);
+        let two = sides.last().map(|map| Sides::new(&superfaces, &shares, map));
+        if let Some(two) = &two {
+            best = two.cut_alike(&best, &alike);
         }
-        let tree = labelling::soft_hierarchy(cells, &superfaces, &alike, &best, small_part, run)?;
+        let tree = labelling::soft_hierarchy(cells, &superfaces, &alike, &best, two.as_ref(), small_part, run)?;
         Ok(PartDecision::of(superfaces, alike, tree))
     };
     let Some(images) = &posed else { return decided(superfaces, c) };

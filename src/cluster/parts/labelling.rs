@@ -10,7 +10,8 @@
 //! the previous labels, so that cuts nest; below ½ parts are joined ([`Linkage`]). The level of a join is the mean of C
 //! between the two: at thresholds above it the join does not pay. If fewer parts are requested than found, joins are
 //! ranked by their gain in the expected Rand index at ½, so the parts are those of the greatest expected index in the
-//! hierarchy for that number; if more are requested, joins are ranked by level.
+//! hierarchy for that number; if more are requested, joins are ranked by level. On a surface with two sides, parts are
+//! joined on both ([`twin_joins`]).
 //!
 //! Cost for R superfaces, a few hundred, two thousand under strong noise: R² per round of moves; C, and an R × R matrix
 //! for each thread that the budget has room for.
@@ -21,6 +22,8 @@ use super::ensemble::Superfaces;
 use super::hierarchy::{CellUnion, HALF, PartTree};
 use super::linkage::{Linkage, LinkageRank};
 use super::matrix::Square;
+use super::symmetry::both_sides::Sides;
+use super::symmetry::twin_joins::twin_joins;
 use crate::base::Result;
 use crate::base::sort::sort_by;
 use crate::spectral::exp::exp64;
@@ -198,7 +201,7 @@ pub fn best_labelling(area: &[f64], co_association: &Square) -> Vec<u32> {
 }
 
 /// The hierarchy of cells, given the probabilities C that their superfaces belong together, and the labelling at ½ to
-/// start from ([`best_labelling`]).
+/// start from ([`best_labelling`]). If the surface has two `sides`, twins are joined one after the other.
 ///
 /// # Errors
 /// Cancellation.
@@ -207,6 +210,7 @@ pub fn soft_hierarchy(
     superfaces: &Superfaces,
     co_association: &Square,
     best: &[u32],
+    sides: Option<&Sides>,
     small_part: f64,
     run: &Run,
 ) -> Result<PartTree> {
@@ -216,7 +220,7 @@ pub fn soft_hierarchy(
     let label = without_ambiguous(cells, superfaces, co_association, best);
     let boundaries = superfaces.shared_boundaries(cells).into_iter();
     let touching = boundaries.filter(|&(.., length)| length > 0.0).map(|(a, b, _)| (a, b)).collect();
-    let levels_of = HierarchyLevels { touching, objective };
+    let levels_of = HierarchyLevels { touching, objective, sides };
     // Above ½ each part is divided independently of the others.
     let parts = class_members(&label);
     let (run, _grant) = run.threads_within(10 * (n * n) as u64);
@@ -308,6 +312,7 @@ struct HierarchyLevels<'a> {
     /// Superfaces with a common boundary.
     touching: Vec<(u32, u32)>,
     objective: RandObjective<'a>,
+    sides: Option<&'a Sides>,
 }
 
 impl HierarchyLevels<'_> {
@@ -348,8 +353,12 @@ impl HierarchyLevels<'_> {
             }
         }
         let linkage = Linkage { sums, area: class_sums(sub, &size, n), touching: Some(touching) };
-        linkage
-            .joins(if low < HALF { LinkageRank::Gain } else { LinkageRank::Mean }, 1)
+        let joins = match self.sides {
+            // All superfaces are one class at this level.
+            Some(sides) if low < HALF => twin_joins(linkage, sides.twins(sub, n)),
+            _ => linkage.joins(if low < HALF { LinkageRank::Gain } else { LinkageRank::Mean }, 1),
+        };
+        joins
             .iter()
             .map(|join| {
                 // Below the labelling at ½, the join with the least loss comes first. Above it every join gains, tiny
@@ -422,7 +431,7 @@ mod tests {
         let superfaces = Superfaces::kept((0..n).collect(), cells.area_shares()).unwrap();
         let parts = |c: &Square, detail: f64| {
             let tree =
-                soft_hierarchy(&cells, &superfaces, c, &best_labelling(&superfaces.area, c), 0.0, &Run::new(&()))
+                soft_hierarchy(&cells, &superfaces, c, &best_labelling(&superfaces.area, c), None, 0.0, &Run::new(&()))
                     .unwrap();
             tree.cut_detail(detail).parts
         };

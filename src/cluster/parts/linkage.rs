@@ -68,14 +68,18 @@ impl Linkage {
         }
     }
 
+    /// Whether two classes must not be joined before others, since they are not adjacent.
+    pub fn is_apart(&self, i: usize, j: usize) -> bool {
+        self.touching.as_ref().is_some_and(|touching| !touching[i * self.area.len() + j])
+    }
+
     fn value(&self, i: usize, j: usize, rank: LinkageRank) -> f64 {
         let value = self.value_of(i, j, rank);
-        let apart = self.touching.as_ref().is_some_and(|touching| !touching[i * self.area.len() + j]);
-        if apart { value - APART } else { value }
+        if self.is_apart(i, j) { value - APART } else { value }
     }
 
     /// Merges class `j` into class `i`.
-    fn fold(&mut self, i: usize, j: usize) {
+    pub fn fold(&mut self, i: usize, j: usize) {
         let n = self.area.len();
         self.sums.fold(i, j);
         self.area[i] += self.area[j];

@@ -1,11 +1,12 @@
-//! Parts that one side has and the other has not: after this, both sides are cut or neither.
+//! Parts of two sides: which part is whose twin, and what one side has and the other has not.
 //!
 //! The co-association is averaged over both sides ([`super::mirror_images`]), but less where images match poorly, and
 //! the images of superfaces are not exact. So what is a close call may still be cut on one side only: one leg at the
 //! knee, the other not. Where the image of a part is a piece of a larger part, the piece is cut off there, or the part
 //! joins its neighbour here, whichever leads to the greater expected Rand index.
 //!
-//! Cost: R² for each part that has such an image, and R times the number of images for each change.
+//! Cost: R² for each part that has such an image, and R times the number of images for each change. Twins: R times the
+//! number of images.
 
 use super::mirror_images::{MirrorImages, superface_images};
 use crate::base::sort::order_by;
@@ -24,11 +25,14 @@ const REST: f64 = 0.2;
 /// Maximum difference of the mean of C from ½ between what is cut or joined: if C is clearer, the images are wrong.
 const CLOSE: f64 = 0.15;
 
+/// Minimum share of each of two parts whose image lies in the other, if they are twins.
+const TWIN: f64 = 0.5;
+
 /// The superfaces of a surface with two sides.
-struct Sides<'a> {
+#[derive(Clone, Debug)]
+pub struct Sides {
     /// Share of the area (R).
     share: Vec<f64>,
-    co_association: &'a Square,
     /// Shares of the image of each superface in others, times how well it matches (R).
     images: Vec<Vec<(u32, f64)>>,
 }
@@ -43,46 +47,66 @@ struct OneSided {
     joins: bool,
 }
 
-/// The labels `label` (R) of the superfaces, with both sides under `map` cut alike where either way is a close call.
-/// `shares` are the areas of the cells (S), C is R × R.
-pub fn cut_alike(
-    label: Vec<u32>,
-    superfaces: &Superfaces,
-    co_association: &Square,
-    shares: &[f64],
-    map: &MirrorImages,
-) -> Vec<u32> {
-    let n = label.len();
-    let (mut images, sure) = superface_images(n, &superfaces.of_cell, shares, map);
-    for (images, sure) in images.iter_mut().zip(sure) {
-        images.iter_mut().for_each(|(_, share)| *share *= sure);
-    }
-    let sides = Sides { share: class_sums(&superfaces.of_cell, shares, n), co_association, images };
-    let (mut label, mut parts) = compact(&label);
-    // Each change makes two parts alike; of wrong images there may be no end.
-    for _ in 0..2 * parts {
-        let Some(OneSided { part, beside, piece, joins }) = sides.one_sided(&label, parts) else { break };
-        if joins {
-            label.iter_mut().filter(|k| **k == part).for_each(|k| *k = beside);
-        } else {
-            piece.iter().for_each(|&x| label[x] = parts as u32);
+impl Sides {
+    /// The two sides of `superfaces` under `map`. `shares` are the areas of the cells (S).
+    pub fn new(superfaces: &Superfaces, shares: &[f64], map: &MirrorImages) -> Sides {
+        let n = superfaces.len();
+        let (mut images, sure) = superface_images(n, &superfaces.of_cell, shares, map);
+        for (images, sure) in images.iter_mut().zip(sure) {
+            images.iter_mut().for_each(|(_, share)| *share *= sure);
         }
-        (label, parts) = compact(&label);
+        Sides { share: class_sums(&superfaces.of_cell, shares, n), images }
     }
-    label
-}
 
-impl Sides<'_> {
-    /// The largest part that is cut on one side only, of the `parts` in `label`.
-    fn one_sided(&self, label: &[u32], parts: usize) -> Option<OneSided> {
+    /// The labels `label` (R) of the superfaces, with both sides cut alike where either way is a close call. C is
+    /// R × R.
+    pub fn cut_alike(&self, label: &[u32], co_association: &Square) -> Vec<u32> {
+        let (mut label, mut parts) = compact(label);
+        // Each change makes two parts alike; of wrong images there may be no end.
+        for _ in 0..2 * parts {
+            let Some(found) = self.one_sided(&label, parts, co_association) else { break };
+            let OneSided { part, beside, piece, joins } = found;
+            if joins {
+                label.iter_mut().filter(|k| **k == part).for_each(|k| *k = beside);
+            } else {
+                piece.iter().for_each(|&x| label[x] = parts as u32);
+            }
+            (label, parts) = compact(&label);
+        }
+        label
+    }
+
+    /// The twin of each of the `parts` in `label` (R): the part on the other side that is its image, as it is that
+    /// one's. Parts without a twin, and those that are their own image, are their own twins.
+    pub fn twins(&self, label: &[u32], parts: usize) -> Vec<usize> {
         let area = class_sums(label, &self.share, parts);
-        let image_of =
-            |x: usize| self.images[x].iter().map(move |&(y, share)| (label[y as usize], share * self.share[x]));
-        let image: Vec<u32> = (0..label.len()).map(|x| greatest(parts, image_of(x)).0).collect();
+        let mut seen = vec![Vec::new(); parts];
+        for (x, &part) in label.iter().enumerate() {
+            seen[part as usize].extend(self.image_of(x, label));
+        }
+        let image: Vec<Option<usize>> = (seen.into_iter().zip(&area))
+            .map(|(seen, area)| {
+                let (other, there) = greatest(parts, seen.into_iter());
+                (there > TWIN * area).then_some(other as usize)
+            })
+            .collect();
+        let mutual = |part: usize| image[part].filter(|&other| image[other] == Some(part)).unwrap_or(part);
+        (0..parts).map(mutual).collect()
+    }
+
+    /// The parts in `label` (R) in which the image of superface `x` lies, with the area there.
+    fn image_of<'a>(&'a self, x: usize, label: &'a [u32]) -> impl Iterator<Item = (u32, f64)> + 'a {
+        self.images[x].iter().map(move |&(y, share)| (label[y as usize], share * self.share[x]))
+    }
+
+    /// The largest part that is cut on one side only, of the `parts` in `label`.
+    fn one_sided(&self, label: &[u32], parts: usize, c: &Square) -> Option<OneSided> {
+        let area = class_sums(label, &self.share, parts);
+        let image: Vec<u32> = (0..label.len()).map(|x| greatest(parts, self.image_of(x, label)).0).collect();
         let members = |part: u32| (0..label.len()).filter(move |&x| label[x] == part);
         let found = |part: usize| {
             let own: Vec<usize> = members(part as u32).collect();
-            let (larger, there) = greatest(parts, own.iter().flat_map(|&x| image_of(x)));
+            let (larger, there) = greatest(parts, own.iter().flat_map(|&x| self.image_of(x, label)));
             let (piece, rest): (Vec<usize>, Vec<usize>) = members(larger).partition(|&x| image[x] == part as u32);
             let (beside, _) = greatest(parts, rest.iter().map(|&x| (image[x], self.share[x])));
             let [piece_area, rest_area] =
@@ -94,7 +118,7 @@ impl Sides<'_> {
                 return None;
             }
             let neighbour: Vec<usize> = members(beside).collect();
-            let (inside, across) = (self.mean(&piece, &rest), self.mean(&own, &neighbour));
+            let (inside, across) = (self.mean(c, &piece, &rest), self.mean(c, &own, &neighbour));
             let together =
                 piece_area * rest_area * (inside - HALF) + area[part] * area[beside as usize] * (across - HALF);
             let joins = together >= 0.0;
@@ -105,12 +129,12 @@ impl Sides<'_> {
     }
 
     /// The mean of C between two sets of superfaces, by area.
-    fn mean(&self, a: &[usize], b: &[usize]) -> f64 {
+    fn mean(&self, c: &Square, a: &[usize], b: &[usize]) -> f64 {
         let (mut sum, mut weight) = (0.0, 0.0);
         for &x in a {
             for &y in b {
                 let pairs = self.share[x] * self.share[y];
-                sum += pairs * self.co_association[(x, y)];
+                sum += pairs * c[(x, y)];
                 weight += pairs;
             }
         }
@@ -146,7 +170,7 @@ mod tests {
         };
         let c = Square::from_values(4, (0..16).map(value).collect());
         let map = MirrorImages { image: vec![3, 2, 1, 0], weight: vec![0.9; 4] };
-        cut_alike(label.to_vec(), &superfaces, &c, &areas, &map)
+        Sides::new(&superfaces, &areas, &map).cut_alike(&label, &c)
     }
 
     fn alike(areas: [f64; 4], between: [f64; 3], label: [u32; 4]) -> Vec<u32> {
@@ -162,6 +186,20 @@ mod tests {
         // A limb that is a part, and one that belongs to the trunk, which is its own image.
         assert_eq!(alike_if(areas, [0.45, 0.9, 0.52], 0.5, [0, 1, 1, 1]), [0, 1, 1, 2]);
         assert_eq!(alike_if(areas, [0.48, 0.9, 0.55], 0.5, [0, 1, 1, 1]), [0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn twins_are_images_of_each_other() {
+        let areas = [0.2, 0.3, 0.3, 0.2];
+        let superfaces = Superfaces::kept(vec![0, 1, 2, 3], areas.to_vec()).unwrap();
+        let mut map = MirrorImages { image: vec![3, 2, 1, 0], weight: vec![0.9; 4] };
+        let twins = |map: &MirrorImages, label: &[u32], parts| Sides::new(&superfaces, &areas, map).twins(label, parts);
+        assert_eq!(twins(&map, &[0, 1, 2, 3], 4), [3, 2, 1, 0]);
+        assert_eq!(twins(&map, &[0, 1, 1, 2], 3), [2, 1, 0]);
+        // A limb that is cut off on one side only has no twin.
+        assert_eq!(twins(&map, &[0, 1, 1, 1], 2), [0, 1]);
+        map.weight[0] = 0.4;
+        assert_eq!(twins(&map, &[0, 1, 2, 3], 4), [0, 2, 1, 3]);
     }
 
     #[test]

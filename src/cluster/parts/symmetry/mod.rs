@@ -4,7 +4,8 @@
 //! - [`reflection`] finds those of posed bodies, whose two sides are symmetric only along the surface. Maps start from
 //!   `tips` of limbs (`anchored`, `anchors`) or from `signs` of smooth `functions`; `cell_map` has the checks that a
 //!   map must pass, using the shortest paths of [`cell_paths`].
-//! - [`both_sides`] cuts on both sides what would be cut on one only.
+//! - [`both_sides`] cuts on both sides what would be cut on one only; [`twin_joins`] joins both sides alike for fewer
+//!   parts.
 //! - [`limbs`] finds similar limbs, on both sides or around a body, whether or not it has two sides.
 //!
 //! The files state their costs; all together at most .2 s of processor time for 2,000 cells.
@@ -22,3 +23,4 @@ mod posed_body;
 pub mod reflection;
 mod signs;
 mod tips;
+pub mod twin_joins;
