@@ -486,7 +486,7 @@ pub(super) fn empty(path: &Path) -> Error {
 pub fn no_faces(path: &Path) -> Error {
     Error::unusable(
         path,
-        "has no faces; a point cloud cannot be segmented",
+        "has no faces; a surface is needed, not a point cloud",
         "reconstruct a surface from it first, or export the mesh with its faces",
     )
 }

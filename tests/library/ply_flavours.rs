@@ -137,7 +137,7 @@ fn refusals_name_the_place_and_the_remedy() {
         (String::new(), "is empty (0 bytes); "),
         ("stone x\n".into(), "header line 1: is \"stone x\", not \"ply\"; "),
         ("solid x\n".into(), "is named as PLY, but its content is STL; "),
-        (cube("3", "0", ok), "has no faces; a point cloud cannot be segmented; "),
+        (cube("3", "0", ok), "has no faces; a surface is needed, not a point cloud; "),
         (cube("3", "1", ok) + "3 0 1 3", "face 0: names vertex 3, but there are 3, counted from 0; "),
         (cube("3", "1", ok) + "3 0 1 -1", "face 0: names vertex -1, but there are 3"),
         (

@@ -137,7 +137,7 @@ fn refusals_are_one_line_with_file_and_remedy_and_code_1() {
         (vec![word(&cut)], "cut.ply: face 3: ", "cut short"),
         (vec![word(&far)], "far.ply: face 0: names vertex 4, but there are 4", "export"),
         (vec![word(&promises)], "promises.ply: header, element face: 4000000000 records need", "cut short"),
-        (vec![word(&points)], "points.ply: has no faces; a point cloud cannot be segmented", "reconstruct"),
+        (vec![word(&points)], "points.ply: has no faces; a surface is needed, not a point cloud", "reconstruct"),
         (vec![word(&empty)], "empty.ply: is empty", "get the file again"),
         (vec![word(&other)], "other.ply: header line 1: is \"cube of cheese\", not \"ply\"", "PLY"),
         (vec![word(&stl)], "stl.ply: is named as PLY, but its content is STL", "rename it to end with .stl"),

@@ -231,6 +231,12 @@ fn what_makes_no_sense_is_refused_in_a_line() {
     ] {
         refused(&[&["correspond", word(&a), word(&b)], &words[..]].concat(), code, part);
     }
+    // Regression: it "cannot be segmented", which nobody had asked for.
+    let points = dir.path().join("points.ply");
+    let text = std::fs::read_to_string(zoo::tetrahedron().write(dir.path())).unwrap();
+    std::fs::write(&points, text.replace("face 4", "face 0")).unwrap();
+    let problem = "points.ply: has no faces; a surface is needed, not a point cloud; reconstruct";
+    refused(&["correspond", word(&points), word(&b), "-o", out], 1, problem);
     // Of another mesh: the file at fault was not named, and it was called misuse.
     let map = |name: &str, targets: &[u32]| {
         let path = dir.path().join(name);
