@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// What helps in most cases besides more memory.
+pub const FEWER_THREADS: &str = "lower `threads`";
+/// What helps where memory grows with the number of landmarks. Much of the library has no such parameter.
 pub const LESS_WORK: &str = "lower `threads` or `landmarks`";
 
 /// What can go wrong, with the data needed to report it and to react.
@@ -71,7 +73,7 @@ pub enum Error {
         needed: u64,
         /// Bytes left in the budget.
         available: u64,
-        /// What else would help, as [`LESS_WORK`].
+        /// What else would help, as [`FEWER_THREADS`].
         remedy: &'static str,
     },
     /// The disk cannot hold what the work will write.
@@ -186,6 +188,16 @@ impl Error {
     /// An [`Error::Parameter`] for an output whose format its extension does not tell.
     pub fn extension(name: &str, path: &Path, remedy: impl Into<String>) -> Error {
         Error::parameter(name, format!("{}: unknown extension", shown(path)), remedy)
+    }
+
+    /// This error; if it is an [`Error::Memory`], with `remedy` as what would help besides more memory: a caller may
+    /// know better what its user can change.
+    #[must_use]
+    pub fn with_remedy(self, remedy: &'static str) -> Error {
+        match self {
+            Error::Memory { what, needed, available, .. } => Error::Memory { what, needed, available, remedy },
+            other => other,
+        }
     }
 
     /// An [`Error::Internal`]; its message stays one line.

@@ -5,13 +5,13 @@ use super::choices::choice;
 use super::errors::of_file;
 use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs, misfit};
-use super::output::{JsonArgs, check_extensions};
+use super::output::{JsonArgs, check_extensions, check_picture};
 use super::sink::{check_places, folder_of};
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
 use nystrom_stream::apps::correspond::{Match, Matching, Refine, files, pairs};
-use nystrom_stream::apps::picture::PictureParams;
+use nystrom_stream::apps::picture::{NO_PICTURE, PictureParams};
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::distance::vertex_rows::Distance;
 use nystrom_stream::landmarks::Sampling;
@@ -208,7 +208,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     params.points = args.points.is_some();
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    args.picture.as_ref().map_or(Ok(()), |_| pictured().check_budget(&run.budget))?;
+    args.picture.as_ref().map_or(Ok(()), |_| check_picture(&pictured(), &run.budget))?;
     let beside = || args.outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
     let work = args.scratch.work(args.work_dir.as_deref(), beside, &run)?;
     let mut inputs = None;
@@ -298,7 +298,8 @@ impl Carried {
                 ply::write_annotated(to_b, b, &ply::plain::colours(of_b), &[], context.run)?;
             }
             if let Some(path) = &args.picture {
-                side_by_side(a, b, matches, colours, &pictured(), context)?.write_png(path)?;
+                let both = side_by_side(a, b, matches, colours, &pictured(), context);
+                both.map_err(|error| error.with_remedy(NO_PICTURE))?.write_png(path)?;
             }
         }
         let Some(path) = &args.carried else { return Ok(()) };

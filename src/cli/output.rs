@@ -6,7 +6,7 @@ use super::sink::{Sink, check_is_no_stream, folder_of, print};
 use nystrom_stream::SaveOptions;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::split::{self, PartForm};
-use nystrom_stream::apps::picture::PictureParams;
+use nystrom_stream::apps::picture::{NO_PICTURE, PictureParams};
 use nystrom_stream::base::printable::counted;
 use nystrom_stream::base::{Error, Result, RunLog, printable};
 use nystrom_stream::mesh::ply::labelled::PlyForm;
@@ -188,6 +188,11 @@ impl std::fmt::Display for Output {
     }
 }
 
+/// Rejects a picture under `params`, whose size is no option of the command, if `budget` is too small for it.
+pub fn check_picture(params: &PictureParams, budget: &Budget) -> Result<()> {
+    params.check_budget(budget).map_err(|error| error.with_remedy(NO_PICTURE))
+}
+
 impl Output {
     /// The output named by `path`.
     pub fn of(path: &Path) -> Result<Self, CliError> {
@@ -257,7 +262,7 @@ impl Output {
 
     /// Rejects a picture for which `budget` is too small, before any work.
     pub fn check_budget(&self, budget: &Budget) -> Result<()> {
-        if self.form == Form::Png { PictureParams::default().check_budget(budget) } else { Ok(()) }
+        if self.form == Form::Png { check_picture(&PictureParams::default(), budget) } else { Ok(()) }
     }
 
     /// Whether it cannot be written without the mesh.

@@ -3,9 +3,9 @@
 use super::choices::choice;
 use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs};
-use super::output::JsonArgs;
+use super::output::{JsonArgs, check_picture};
 use super::sink::{check_is_no_stream, check_places, folder_of, print};
-use nystrom_stream::apps::picture::{PictureParams, render_named};
+use nystrom_stream::apps::picture::{NO_PICTURE, PictureParams, render_named};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
 use nystrom_stream::mesh::Mesh;
 use nystrom_stream::mesh::ply::labelled::PlyForm;
@@ -138,7 +138,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     if targets.iter().any(|target| matches!(target, Target::Png(_))) {
-        PictureParams::default().check_budget(&run.budget)?;
+        check_picture(&PictureParams::default(), &run.budget)?;
     }
     let folder = |target: &Target| match target {
         Target::Ply(path) | Target::Npy(path) | Target::Png(path) => Some(folder_of(path)),
@@ -218,7 +218,9 @@ fn write(
         Target::Png(path) => {
             let (labels, colours) = gradient(&sequence.places, context.work)?;
             let params = PictureParams::default().legend(false).lines(false);
-            render_named(mesh, Some(&labels), (&colours, &[]), &params, context)?.write_png(path)
+            render_named(mesh, Some(&labels), (&colours, &[]), &params, context)
+                .map_err(|error| error.with_remedy(NO_PICTURE))?
+                .write_png(path)
         }
     };
     context.run.stage("write", "faces", faces, each)?;

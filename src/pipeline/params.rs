@@ -260,7 +260,7 @@ impl Cluster {
     /// [`Error::Memory`].
     pub(super) fn grant(self, landmarks: usize, nodes: usize, run: &Run) -> Result<Grant> {
         let bytes = self.bytes_of_budget(landmarks as u64, nodes as u64);
-        run.budget.take(WHAT_LANDMARKS_TAKE, bytes, bytes)
+        run.budget.take_or(WHAT_LANDMARKS_TAKE, bytes, LESS_WORK)
     }
 
     /// Bytes that each further thread allocates, if the budget has room for it.

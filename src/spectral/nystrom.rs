@@ -23,6 +23,7 @@
 
 use super::affinity::{CHUNK, KeptEigenpairs, SampledBlock, landmark_affinities};
 use super::kernel::{Kernel, check_width};
+use crate::base::error::LESS_WORK;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::base::{Error, Result, eigen};
 use crate::distance::DistanceRows;
@@ -349,6 +350,7 @@ impl OrthogonalEmbedding {
         // Matrices among landmarks, some of them per thread; columns of a chunk, their coordinates, and these weighted.
         let bytes = (32 * l * l, 16 * l * l + 24 * CHUNK as u64 * l);
         run.threads_beside("an embedding with so many landmarks", bytes, BESIDE_BUDGET)
+            .map_err(|error| error.with_remedy(LESS_WORK))
     }
 
     /// Fits the embedding on all of `rows`, over vertices with the areas in `nodes`.

@@ -4,7 +4,7 @@
 //! minimum fits; a grant is returned when dropped. The caller promises to keep to its grant; tests check this with a
 //! counting allocator.
 
-use crate::base::error::LESS_WORK;
+use crate::base::error::FEWER_THREADS;
 use crate::base::{Error, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -67,7 +67,7 @@ impl Budget {
             what,
             needed: minimum,
             available,
-            remedy: LESS_WORK,
+            remedy: FEWER_THREADS,
         })
     }
 

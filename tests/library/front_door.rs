@@ -377,6 +377,20 @@ fn what_a_file_cannot_hold_and_options_without_effect_are_refused() {
     order.save(dir.path().join("order.ply")).unwrap();
 }
 
+/// Regression: whatever was short of memory, fewer landmarks were advised, also to `LabelTransfer`, which has none.
+#[test]
+fn fewer_landmarks_are_advised_where_there_are_some() {
+    let mesh = Mesh::creature(3_528).unwrap();
+    let told = |error: Error| {
+        assert!(matches!(error, Error::Memory { .. }), "{error}");
+        error.to_string()
+    };
+    let error = told(LabelTransfer::new().memory(1_000).run(&mesh, &vec![0; mesh.faces.len()], &mesh).unwrap_err());
+    assert!(error.ends_with("raise `memory` or lower `threads`"), "{error}");
+    let error = told(Matcher::new().landmarks(4_096).memory(1 << 20).run(&mesh, &mesh).unwrap_err());
+    assert!(error.ends_with("raise `memory` or lower `threads` or `landmarks`"), "{error}");
+}
+
 /// Regression: a mesh that a program put together wrongly ended in a panic, a bug report, or, in `Sequencer`, in hours of
 /// work on four billion vertices; one without faces was told to ask for fewer parts.
 #[test]

@@ -227,6 +227,8 @@ fn what_makes_no_sense_is_refused_in_a_line() {
         (vec!["-o", out, "--carry", "x"], 2, "--carried"),
         (vec!["-q", "-o", out, "--refine", "none", "--carry", "nothing", "--carried", "m.ply"], 1, "nothing"),
         (vec!["-o", out, "--picture", "m.jpg"], 2, "--picture m.jpg: unknown extension; use .png"),
+        // Regression: a smaller picture was advised, but no option makes it smaller.
+        (vec!["-q", "--picture", "p.png", "--max-memory", "2MB"], 1, "raise --max-memory or leave the picture out"),
         (vec!["-o", out, "--functions", "a.npy", "b.csv"], 2, "--functions b.csv: unknown extension; use .npy"),
     ] {
         refused(&[&["correspond", word(&a), word(&b)], &words[..]].concat(), code, part);

@@ -97,7 +97,9 @@ impl Form {
                 let work = super::scratch_beside(path, run);
                 let context = crate::store::Context::new(&work, run);
                 let (labels, marks) = (Some(labelling.labels), (labelling.colours, labelling.names));
-                crate::apps::picture::render_named(there()?, labels, marks, &params, context)?.write_png(path)
+                crate::apps::picture::render_named(there()?, labels, marks, &params, context)
+                    .map_err(|error| error.with_remedy(crate::apps::picture::NO_PICTURE))?
+                    .write_png(path)
             }
             _ => Err(unknown(path)),
         }

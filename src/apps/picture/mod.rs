@@ -112,6 +112,9 @@ pub fn render_named(
     Ok(image)
 }
 
+/// What helps, besides more memory, where a picture is too large but its size cannot be chosen.
+pub const NO_PICTURE: &str = "leave the picture out";
+
 /// The best view, as axes in space: to the right, up, and towards the viewer.
 ///
 /// # Errors

@@ -11,6 +11,7 @@
 //! Only for small sets: all of W in `f64`.
 
 use super::data::StudyData;
+use crate::base::error::LESS_WORK;
 use crate::base::printable::Significant;
 use crate::base::{Error, Result};
 use crate::distance::front::{Front, mean_weight};
@@ -184,7 +185,9 @@ pub fn compare(
     let bytes = 4 * ground.len() as u64 + (MATRICES * l + COLUMNS * CHUNK as u64).saturating_mul(l);
     // Half of what is left stays for what each job takes itself.
     let run = context.run.with_threads((context.run.budget.left() / 2 / bytes.max(1)).min(jobs.len() as u64));
-    let (run, _grant) = run.threads_beside("samples of so many landmarks", (0, bytes), BESIDE_BUDGET)?;
+    let (run, _grant) = run
+        .threads_beside("samples of so many landmarks", (0, bytes), BESIDE_BUDGET)
+        .map_err(|error| error.with_remedy(LESS_WORK))?;
     let one = Run {
         threads: 1,
         budget: context.run.budget.clone(),
