@@ -322,7 +322,8 @@ fn one_is_open(result: &Correspondence) -> bool {
 fn tell(result: &Correspondence, chosen: usize, run: &Run) {
     let found = &result.alignments.found;
     if !result.partial.is_empty() {
-        if result.alignments.ambiguous {
+        let matched = result.matches.iter().any(|one| one.vertex().is_some());
+        if matched && result.alignments.ambiguous {
             run.progress.note("ambiguous: the part may also match elsewhere, or mirrored; check the picture");
         }
     } else if found.len() > 1 {

@@ -38,7 +38,7 @@ use crate::store::{Context, MappedSlice, Run};
 
 /// Confidence below which a vertex has no match.
 pub const LEAST: f32 = 0.05;
-/// Minimum number of vertices of a part for which functions are computed.
+/// Minimum number of vertices of a part for which functions are computed; the matches of fewer are wrong.
 const FEWEST: usize = 60;
 /// Number of first maps whose regions are compared.
 const FINALISTS: usize = 3;
@@ -260,6 +260,9 @@ pub(super) fn match_partial(
     };
     best.alignments.ambiguous = best.outcomes[0].orientation.is_none_or(|one| one < TELLING) || tried.iter().any(rival);
     let (matches, points) = finish(&best, [part, whole], a_is_part, params, context)?;
+    if let Some(note) = note([part, whole], &matches) {
+        context.run.progress.note(&note);
+    }
     Ok(Correspondence {
         matches,
         alignments: best.alignments,
@@ -269,6 +272,19 @@ pub(super) fn match_partial(
         partial: starts,
         sides: [a.facts(), b.facts()],
     })
+}
+
+/// The note about a part that is too coarse to be found in the whole, or of which nothing was found there.
+fn note([part, whole]: [&Side<'_>; 2], matches: &[Match]) -> Option<String> {
+    let [part_path, whole_path] = [part, whole].map(|side| side.opened.path().display());
+    let n = part.graph.len();
+    if n < FEWEST {
+        let result = "it gets no matches, or wrong ones; give a finer mesh or a larger part";
+        return Some(format!("{part_path}: {n} vertices are too few to find it in {whole_path}: {result}"));
+    }
+    let reason = "it is too small or too coarse to be found there, or has another scale";
+    let none = matches.iter().all(|one| one.vertex().is_none());
+    none.then(|| format!("{part_path}: no reliable match with {whole_path}: {reason}"))
 }
 
 /// A subset of the images, for comparing two maps.

@@ -1,7 +1,7 @@
 //! `correspond` with what the user knows, what it writes for other programs, and parts.
 
 use super::correspond_cli::{correspond, files, permuted, read};
-use crate::common::{every_case, in_memory, ok, refused, stride, word};
+use crate::common::{errors, every_case, in_memory, ok, refused, stride, word, zoo};
 use nystrom_stream::mesh;
 use nystrom_stream::store::{Run, npy};
 use std::fmt::Write;
@@ -158,6 +158,23 @@ fn a_mesh_with_holes_is_found_in_the_whole_and_the_rest_is_told_as_unmatched() {
         (0..from_whole.len()).filter(|&v| old.binary_search(&(v as u32)).is_err()).map(|v| from_whole[v]).collect();
     let told = outside.iter().filter(|one| one.target < 0).count();
     assert!(told * 10 > 6 * outside.len(), "{told} of {}", outside.len());
+}
+
+/// Regression: a part that was not found had no matches, and nothing was said; or it "may also match elsewhere".
+#[test]
+fn a_part_that_is_not_found_is_told() {
+    let dir = in_memory();
+    let [tetrahedron, dumbbell, grid] =
+        [zoo::tetrahedron(), zoo::dumbbell(), zoo::grid(9)].map(|shape| shape.write(dir.path()));
+    let out = dir.path().join("m.npy");
+    for (a, b, note) in [
+        (&tetrahedron, &tetrahedron, "tetrahedron.ply: 4 vertices are too few to find it in "),
+        (&grid, &dumbbell, "grid.ply: no reliable match with "),
+    ] {
+        let told = errors(&correspond(a, b, &["--partial", "-o", word(&out)]));
+        assert!(told.contains(note), "{told}");
+        assert!(read(&out).iter().all(|one| one.target < 0) && !told.contains("ambiguous"), "{told}");
+    }
 }
 
 #[test]
