@@ -167,10 +167,18 @@ pub fn match_sides(
     if params.transfer {
         let (points_b, alignment) = transferred(a, b, &found, params, context.run)?;
         if params.refine != Refine::None {
-            alignments.starts = if guidance.map.is_some() { Vec::new() } else { vec![alignment] };
+            // The choice among the first alignments is made, unless the map of the user takes their place.
+            let chosen = guidance.map.is_none().then(|| (alignments.found.clone(), alignments.ambiguous));
+            alignments.starts = if chosen.is_some() { vec![alignment] } else { Vec::new() };
+            let params = &if chosen.is_some() { params.alternative(0) } else { *params };
             let sides = [(a, &a.graph), (b, &b.graph)];
             let refinement = Refinement { sides, points_b: &points_b, params, guidance, name: "" };
-            return refined(refinement, alignments, context);
+            let mut result = refined(refinement, alignments, context)?;
+            if let Some((found, ambiguous)) = chosen.filter(|_| guidance.pairs.is_empty()) {
+                result.alignments.found = found;
+                result.alignments.ambiguous |= ambiguous;
+            }
+            return Ok(result);
         }
         found = pass(&points_b, &alignment, params.matching, "matches.npy")?;
     }

@@ -1,6 +1,6 @@
 //! `correspond` and `evaluate --matches` as a user runs them.
 
-use crate::common::{self, errors, ok, program, refused, word, zoo};
+use crate::common::{self, errors, json, ok, program, refused, word, zoo};
 use nystrom_stream::apps::correspond::Match;
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::mesh;
@@ -196,6 +196,26 @@ fn a_mirror_image_is_matched_with_its_own_side_turned() {
 }
 
 /// They were refused, since the search had not been told that the graph's steps are lengths.
+/// Regression: with refinement, `--transfer` forgot the other alignments. The report called the matches unambiguous, and
+/// `--alternative 1` was refused.
+#[test]
+fn a_symmetric_shape_stays_ambiguous_when_landmarks_are_transferred() {
+    let dir = common::in_memory();
+    let mut rough = zoo::dumbbell();
+    rough.name = "rough";
+    rough.vertices.iter_mut().flatten().zip(0u32..).for_each(|(x, k)| *x += 0.01 * f64::from(37 * k).sin());
+    let (a, b) = (rough.write(dir.path()), zoo::dumbbell().write(dir.path()));
+    let [first, second] = ["0", "1"].map(|alternative| {
+        let out = dir.path().join(format!("{alternative}.npy"));
+        let words = ["correspond", word(&a), word(&b), "-q", "--json", "--transfer", "-o", word(&out)];
+        let told = json(&[&words[..], &["--alternative", alternative]].concat());
+        assert!(told["ambiguous"] == true && told["alignments"].as_array().unwrap().len() == 2, "{told}");
+        read(&out)
+    });
+    let other = first.iter().zip(&second).filter(|(one, other)| one.target != other.target).count();
+    assert!(2 * other > first.len(), "{other} of {}", first.len());
+}
+
 #[test]
 fn landmarks_by_length_alone_are_the_farthest_ones() {
     let (dir, a, b) = files();
