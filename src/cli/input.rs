@@ -13,7 +13,8 @@ use nystrom_stream::base::Error;
 use nystrom_stream::mesh;
 use nystrom_stream::mesh::size::is_pipe;
 use nystrom_stream::pipeline::admission::admit;
-use nystrom_stream::pipeline::input::{self, SPOOLED};
+use nystrom_stream::pipeline::input;
+use nystrom_stream::store::leftovers::SPOOLED;
 use nystrom_stream::store::{Context, Run, workdir};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -83,6 +84,7 @@ fn piped(source: mesh::Pipe, name: &str, force: ForceArgs, context: Context<'_>)
     });
     if result.is_err() {
         work.remove("input.tmp");
+        work.remove_decoded();
     }
     result
 }

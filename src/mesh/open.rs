@@ -12,6 +12,7 @@ use super::ply::read::{Decoder, decode};
 use super::size::is_pipe;
 use crate::base::printable::counted;
 use crate::base::{Error, Result};
+use crate::store::leftovers::{DECOMPRESSED, SPOOLED};
 use crate::store::mapped::Access;
 use crate::store::new_file::by_rename;
 use crate::store::{MappedBytes, Run, private_folder};
@@ -83,7 +84,7 @@ impl Mesh {
 pub fn open(path: &Path, scratch: &Path, run: &Run) -> Result<Mesh> {
     if is_pipe(path) {
         // A pipe cannot be mapped.
-        return open_stream(Pipe::open(path)?, path, &scratch.join("input"), run);
+        return open_stream(Pipe::open(path)?, path, &scratch.join(SPOOLED), run);
     }
     open_bytes(path, MappedBytes::open(path)?, true, scratch, run)
 }
@@ -276,7 +277,7 @@ fn copy(path: &Path, source: &mut impl Read, (to, room): (&Path, u64), file: &mu
 /// # Errors
 /// As [`spool`].
 fn decompress(path: &Path, bytes: &[u8], scratch: &Path, run: &Run) -> Result<MappedBytes> {
-    spool(path, &mut MultiGzDecoder::new(bytes), &scratch.join("input.ply"), run)
+    spool(path, &mut MultiGzDecoder::new(bytes), &scratch.join(DECOMPRESSED), run)
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use crate::base::{Error, Result};
 use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Mesh;
 use crate::mesh::size::is_pipe;
+use crate::store::leftovers::SPOOLED;
 use crate::store::manifest::{MANIFEST, checksum};
 use crate::store::stage::{StageKey, key_of};
 use crate::store::{Context, Run, WorkDir};
@@ -18,8 +19,6 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::Xxh3;
 
-/// The file in a work directory to which standard input is copied.
-pub const SPOOLED: &str = "input";
 /// Bytes hashed at either end of the file.
 const END: u64 = 1 << 20;
 

@@ -186,6 +186,11 @@ impl WorkFolder {
         self.folder.get().is_some_and(|folder| folder.lock.is_some())
     }
 
+    /// Whether a lock of this very process, and not of its parent, keeps other processes out.
+    pub fn is_owned(&self) -> bool {
+        self.is_locked() && self.folder.get().is_some_and(|folder| folder.process == std::process::id())
+    }
+
     /// Removes it with all that is in it.
     pub fn remove(&self) {
         self.folder.get().into_iter().for_each(Folder::remove);

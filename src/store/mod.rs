@@ -14,6 +14,7 @@ mod existing;
 mod folder;
 pub mod in_memory;
 pub mod json;
+pub mod leftovers;
 pub mod manifest;
 pub mod mapped;
 pub mod needs;

@@ -371,6 +371,7 @@ impl WorkDir {
         let stages = std::mem::take(&mut manifest.stages);
         self.save(&mut manifest)?;
         stages.values().flat_map(|stage| stage.files.keys()).for_each(|file| self.remove(file));
+        self.remove_decoded();
         Ok(())
     }
 

@@ -7,7 +7,7 @@
 //! Where the file system has no locks ([`WorkDir::is_locked`]), whoever starts the processes must keep them apart.
 //!
 //! A temporary directory is removed when dropped; that of a killed run is removed by the next run that creates one in
-//! the same parent. A lasting one that was created is removed too if nothing was written to it.
+//! the same parent. A lasting one that was created is removed too if nothing was written to it but a decoded mesh.
 //!
 //! Memory: the manifest, some hundred bytes per file, and the arrays kept in memory, which count against the budget
 //! ([`super::in_memory`]). Opening reads the manifest and lists the folder; a stage's files are read when they are
@@ -32,11 +32,6 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
-
-/// Prefixes of half-filled row files, of one process and of shards. They are kept: their journal records which rows are
-/// complete. A higher layer writes them, but leftovers of a killed run can only be recognised when the directory is
-/// opened.
-const HALF_FILLED_ROWS: [&str; 2] = ["distances.npy.partial", "rows-"];
 
 /// An open, locked work directory.
 #[derive(Debug)]
@@ -150,18 +145,6 @@ impl WorkDir {
             inside_of_it: Mutex::default(),
             everything: false,
             input: Mutex::default(),
-        }
-    }
-
-    /// Removes temporary files of killed runs.
-    fn sweep(&self) {
-        let Ok(entries) = std::fs::read_dir(self.path()) else { return };
-        for entry in entries.flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            let rows = HALF_FILLED_ROWS.iter().any(|rows| name.starts_with(rows));
-            if name.ends_with(".tmp") || (name.ends_with(".partial") && !rows) {
-                self.remove(&name);
-            }
         }
     }
 
@@ -447,6 +430,9 @@ impl Drop for WorkDir {
         if self.temporary && !self.inside {
             self.folder.remove();
         } else {
+            if self.folder.is_owned() && !self.shared {
+                self.remove_mesh_without_stage();
+            }
             self.folder.remove_unused();
         }
     }

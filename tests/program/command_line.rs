@@ -706,6 +706,35 @@ fn no_folder_stays_of_a_run_that_fails_at_once() {
     }
 }
 
+/// Regression: the mesh that was decoded stayed, with its folder, where a run failed before its first stage.
+#[test]
+fn no_decoded_mesh_stays_without_a_use() {
+    let dir = common::in_memory();
+    let mesh = dir.path().join("mesh.off");
+    std::fs::write(&mesh, "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n").unwrap();
+    let (work, out) = (dir.path().join("work"), dir.path().join("x.seg"));
+    let kept = ["--work-dir", word(&work), "-q", "-o", word(&out)];
+    for file in [word(&mesh), "-"] {
+        let input = std::fs::File::open(&mesh).unwrap();
+        let words = [&["segment", file, "--hints", "none"], &kept[..]].concat();
+        let output = program().args(words).stdin(input).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
+        assert_eq!(names(dir.path()), ["mesh.off"], "{file}: {}", errors(&output));
+    }
+    // Nor does that of a mesh which may not use the directory, or which another one replaces.
+    let other = zoo::tetrahedron().write(dir.path());
+    let decoded = || ["input", "input.ply", "converted.ply"].map(|name| work.join(name).exists());
+    segment(&other, &kept);
+    let piped = [&["segment", "-"], &kept[..]].concat();
+    let output = program().args(&piped).stdin(std::fs::File::open(&mesh).unwrap()).output().unwrap();
+    assert!(errors(&output).contains("belongs to another mesh"), "{}", errors(&output));
+    assert_eq!(decoded(), [false; 3]);
+    segment(&mesh, &[&kept[..], &["--force"]].concat());
+    assert_eq!(decoded(), [false, false, true]);
+    segment(&other, &[&kept[..], &["--force"]].concat());
+    assert_eq!(decoded(), [false; 3]);
+}
+
 /// A folder that takes no file was found at the end, after a night's work.
 #[test]
 fn outputs_that_cannot_be_written_are_told_before_any_work() {

@@ -13,6 +13,7 @@ pub use target::Counts;
 
 use crate::base::{Error, Result};
 use crate::mesh::output::Gather;
+use crate::store::leftovers::CONVERTED;
 use crate::store::new_file::by_rename;
 use crate::store::{MappedBytes, Run};
 use std::path::Path;
@@ -209,7 +210,7 @@ pub(super) fn convert(
     notes: &mut Vec<String>,
     run: &Run,
 ) -> Result<MappedBytes> {
-    let to = scratch.join("converted.ply");
+    let to = scratch.join(CONVERTED);
     by_rename(&to, 0, false, |file| {
         let mut out = Gather::new(&to, file);
         let mut target = Target { out: &mut out, run, path, counts: Counts::default(), records: 0 };

@@ -10,6 +10,7 @@ use super::values::{Binary, Cursor, Fault, Text};
 use crate::base::{Error, Result};
 use crate::mesh::geometry::{Faces, check_size};
 use crate::mesh::positions::{Positions, StridedLayout};
+use crate::store::leftovers::{FACE_STARTS, FACE_VERTICES, TRIANGLES, VERTICES};
 use crate::store::npy::{self, ArrayWriter, Item};
 use crate::store::{MappedBytes, Run};
 use std::ops::Range;
@@ -160,7 +161,7 @@ impl<'a> Decoder<'a> {
         element: &Element,
         narrow: impl Fn(f64) -> T,
     ) -> Result<Positions> {
-        let path = self.scratch.join("vertices.npy");
+        let path = self.scratch.join(VERTICES);
         let mut writer = ArrayWriter::create(&path, 3)?;
         self.each(element, |record| {
             let mut position = [T::zeroed(); 3];
@@ -374,7 +375,7 @@ impl FaceSink {
     fn create(folder: &Path) -> Result<Self> {
         Ok(Self {
             folder: folder.to_path_buf(),
-            corners: ArrayWriter::create(&folder.join("triangles.npy"), 3)?,
+            corners: ArrayWriter::create(&folder.join(TRIANGLES), 3)?,
             corner_buffer: Vec::with_capacity(FLUSH),
             starts: None,
             start_buffer: Vec::new(),
@@ -419,18 +420,18 @@ impl FaceSink {
 
     /// Converts the triangles so far to polygons.
     fn turn_to_polygons(&mut self) -> Result<()> {
-        let path = self.folder.join("triangles.npy");
+        let path = self.folder.join(TRIANGLES);
         // Whole triangles only: the array that is read back has rows of three.
         self.corners.push(&self.corner_buffer)?;
         self.corner_buffer.clear();
-        let polygons = ArrayWriter::create(&self.folder.join("face_vertices.npy"), 1)?;
+        let polygons = ArrayWriter::create(&self.folder.join(FACE_VERTICES), 1)?;
         let triangles = std::mem::replace(&mut self.corners, polygons).finish(false)?;
         for piece in triangles.chunks(FLUSH) {
             self.corners.push(piece)?;
         }
         drop(triangles);
         std::fs::remove_file(&path).map_err(Error::io(&path, "remove"))?;
-        let mut starts = ArrayWriter::create(&self.folder.join("face_starts.npy"), 1)?;
+        let mut starts = ArrayWriter::create(&self.folder.join(FACE_STARTS), 1)?;
         self.start_buffer.reserve(FLUSH);
         for face in 0..=self.faces {
             self.start_buffer.push(3 * face);
@@ -451,7 +452,7 @@ impl FaceSink {
             starts.push(&self.start_buffer)?;
             return Ok(Faces::Polygons { starts: starts.finish(false)?, corners });
         }
-        let path = self.folder.join("triangles.npy");
+        let path = self.folder.join(TRIANGLES);
         Faces::triangles(&path, MappedBytes::open(&path)?, npy::HEADER, 12, self.faces as usize)
     }
 }
