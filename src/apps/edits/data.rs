@@ -3,7 +3,9 @@
 //! The JSON form is derived; [`super::read`] reads it edit by edit, so that errors name the edit. Cost: none.
 
 use crate::base::printable::Significant;
+use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
+use serde_json::Number;
 use std::path::PathBuf;
 
 /// A place on the surface.
@@ -11,7 +13,7 @@ use std::path::PathBuf;
 #[serde(untagged)]
 pub enum Place {
     /// A face of the file, from 0.
-    Face(u64),
+    Face(#[serde(deserialize_with = "whole")] u64),
     /// A point in units of the file; it denotes the face nearest to it.
     Point([f64; 3]),
 }
@@ -35,7 +37,7 @@ pub enum Edit {
         /// A place on it.
         at: Place,
         /// Number of pieces, 2 by default.
-        #[serde(default = "two")]
+        #[serde(default = "two", deserialize_with = "whole")]
         into: usize,
     },
     /// Cuts the part that contains both places between them.
@@ -81,6 +83,14 @@ pub enum Edit {
 
 fn two() -> usize {
     2
+}
+
+/// A whole number, which some languages write as 3.0.
+pub(super) fn whole<'de, D: Deserializer<'de>, T: TryFrom<u64>>(from: D) -> Result<T, D::Error> {
+    let number = Number::deserialize(from)?;
+    let real = number.as_f64().filter(|x| x.fract() == 0. && (0. ..=f64::from(u32::MAX)).contains(x));
+    let whole = number.as_u64().or(real.map(|x| x as u64)).and_then(|number| number.try_into().ok());
+    whole.ok_or_else(|| D::Error::custom(format!("{number} is not a whole number, 0 or more")))
 }
 
 /// The edits of one mesh.
@@ -172,7 +182,8 @@ impl std::fmt::Display for Place {
 impl TryFrom<String> for Colour {
     type Error = String;
     fn try_from(text: String) -> Result<Self, String> {
-        let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6 && digits.is_ascii());
+        let digits =
+            text.strip_prefix('#').filter(|digits| digits.len() == 6 && digits.bytes().all(|c| c.is_ascii_hexdigit()));
         let byte = |k: usize| u8::from_str_radix(digits?.get(2 * k..2 * k + 2)?, 16).ok();
         match (byte(0), byte(1), byte(2)) {
             (Some(r), Some(g), Some(b)) => Ok(Self([r, g, b])),

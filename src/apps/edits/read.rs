@@ -1,10 +1,11 @@
 //! Reading and writing files of edits: every error names the wrong edit and the remedy.
 
-use super::data::{Edit, Edits, Place};
+use super::data::{Edit, Edits, Place, whole};
 use crate::base::{Error, Result};
 use crate::store::json;
 use serde::Deserialize;
 use serde_json::Value;
+use serde_json::value::RawValue;
 use std::path::Path;
 
 /// The `format` field of the files.
@@ -18,12 +19,13 @@ const NAME: usize = 200;
 
 /// The file without its edits, which are read one by one.
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object with format, version and edits")]
 struct Head {
     format: String,
+    #[serde(deserialize_with = "whole")]
     version: u64,
     #[serde(default)]
-    parts: Option<usize>,
+    parts: Option<Count>,
     #[serde(default)]
     detail: Option<f64>,
     #[serde(default, rename = "box")]
@@ -31,8 +33,12 @@ struct Head {
     /// For people only.
     #[serde(default, rename = "mesh")]
     _mesh: Option<String>,
-    edits: Vec<Value>,
+    // As text: a table of fields would keep the last of two of a name.
+    edits: Vec<Box<RawValue>>,
 }
+
+#[derive(Deserialize)]
+struct Count(#[serde(deserialize_with = "whole")] usize);
 
 impl Edits {
     /// Reads the file `path`.
@@ -61,6 +67,8 @@ impl Edits {
     /// [`Error::Malformed`] naming the edit; [`Error::Unusable`] for what concerns no single edit.
     pub fn of_text(text: &[u8], path: &Path) -> Result<Self> {
         let form = "see docs/edits.md for the format";
+        // Some editors begin each file with a byte order mark.
+        let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
         // Derived code takes a list for the fields of the head, one after the other, and its message confuses.
         if text.trim_ascii_start().starts_with(b"[") {
             let remedy = format!(r#"write {{"format": "{FORMAT}", "version": {VERSION}, "edits": […]}} around it"#);
@@ -75,20 +83,26 @@ impl Edits {
         }
         let mut edits = Self {
             path: path.into(),
-            parts: head.parts,
+            parts: head.parts.map(|Count(parts)| parts),
             detail: head.detail,
             bounds: head.bounds,
             edits: Vec::with_capacity(head.edits.len()),
         };
-        for (number, value) in head.edits.into_iter().enumerate() {
-            let kind = value["edit"].as_str().map(|kind| format!(" ({kind})")).unwrap_or_default();
-            let place = format!("edit {}{kind}", number + 1);
-            let edit = serde_json::from_value::<Edit>(value).map_err(|error| {
+        for (number, value) in head.edits.iter().enumerate() {
+            let value = value.get();
+            let fields: Value = serde_json::from_str(value).unwrap_or_default();
+            let kind = fields["edit"].as_str().map(|kind| format!(" ({kind})")).unwrap_or_default();
+            let wrong = |problem: &str| Error::malformed(path, format!("edit {}{kind}", number + 1), problem, form);
+            // Derived code takes a list for the fields here too.
+            if !value.starts_with('{') {
+                return Err(wrong(r#"is not an object, such as {"edit": "drop", "at": 17}"#));
+            }
+            let edit = serde_json::from_str(value).map_err(|error| {
                 let text = error.to_string();
+                // The line is one of this edit, not of the file.
+                let text = text.rsplit_once(" at line ").map_or(&text[..], |(text, _)| text);
                 let places = text.contains("untagged enum Place");
-                let problem =
-                    if places { "a place is neither [x, y, z] nor the number of a face".into() } else { text };
-                Error::malformed(path, place, problem, form)
+                wrong(if places { "a place is neither [x, y, z] nor the number of a face" } else { text })
             })?;
             edits.edits.push(edit);
         }
@@ -217,11 +231,40 @@ mod tests {
             (r##"{"edit": "colour", "at": 1, "colour": "#12345"}"##, "is not a colour; write it as"),
             (r#"{"edit": "name", "at": 1, "name": "a\nb"}"#, "edit 1 (name): the name has a control character"),
             (r#"{"edit": "cut", "between": [1, 2, 3]}"#, "edit 1 (cut): "),
-            ("17", "edit 1: "),
+            ("17", "edit 1: is not an object, such as {"),
+            // Regression: a list was taken for the fields.
+            (r#"["drop", 5]"#, "edit 1: is not an object, such as {"),
+            // Regression: the last of two fields of a name was taken in silence.
+            (r#"{"edit": "drop", "at": 1, "at": 2}"#, "edit 1 (drop): duplicate field `at`"),
+            (r#"{"edit": "drop", "at": 1, "edit": "protect"}"#, "duplicate field `edit`"),
+            (r#"{"edit": "drop", "at": [1e999, 0, 0]}"#, "edit 1: number out of range; "),
+            (r#"{"edit": "drop", "at": 1.5}"#, "edit 1 (drop): a place is neither"),
+            (r#"{"edit": "split", "at": 1, "into": 2.5}"#, "(split): 2.5 is not a whole number, 0 or more; "),
+            (r#"{"edit": "split", "at": 1, "into": -1}"#, "(split): -1 is not a whole number, 0 or more; "),
+            (r#"{"edit": "split", "at": 1, "into": "3"}"#, "invalid type: string \"3\", expected a JSON number; "),
+            // Regression: signs were taken for digits.
+            (r##"{"edit": "colour", "at": 1, "colour": "#+1+2+3"}"##, "is not a colour; write it as"),
         ] {
             let error = error(edits);
             assert!(error.starts_with("e.json: ") && error.contains(part) && error.contains("; "), "{error}");
         }
+    }
+
+    /// Regression: what some editors and languages write was refused: a byte order mark, and 3.0 for 3.
+    #[test]
+    fn other_programs_write_whole_numbers_and_marks_their_own_way() {
+        let text = |three: &str, face: &str| {
+            let edits = format!(r#"[{{"into": {three}, "at": {face}, "edit": "split"}}]"#);
+            format!(r#"{{"edits": {edits}, "parts": {three}, "version": 1, "format": "nystrom-stream edits"}}"#)
+        };
+        let read = |text: &str| Edits::of_text(text.as_bytes(), Path::new("e.json")).unwrap();
+        let expected = read(&text("3", "170"));
+        for (three, face) in [("3.0", "170.0"), ("3e0", "1.7e2")] {
+            assert_eq!(read(&text(three, face).replace(": 1,", ": 1.0,")), expected);
+        }
+        assert_eq!(read(&format!("\u{feff}{}", text("3", "170").replace(", ", ",\r\n"))), expected);
+        let error = Edits::of_text("\u{feff}[]".as_bytes(), Path::new("e.json")).unwrap_err().to_string();
+        assert!(error.contains("is a bare list"), "{error}");
     }
 
     /// Regression: without a file the message began with "edits: edits: ".
@@ -233,6 +276,9 @@ mod tests {
             // Regression: "is not a list of edits: invalid type: map, expected a string" was said of a list of edits.
             (r#" [{"edit": "split", "at": 0}]"#.into(), "is a bare list; write {\"format\": \"nystrom-stream edits\""),
             ("[]".into(), "is a bare list"),
+            // Regression: the message said "expected struct Head".
+            ("3".into(), "is not a list of edits: invalid type: integer `3`, expected an object with format, version"),
+            (head(r#""parts": -1"#), "is not a list of edits: -1 is not a whole number, 0 or more at line 1"),
             ("{}".into(), "is not a list of edits: missing field `format`"),
             (
                 r#"{"format": "x", "version": 1, "edits": []}"#.into(),
