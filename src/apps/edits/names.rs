@@ -16,7 +16,12 @@ const MOST: usize = 1 << 16;
 /// [`Error::Io`]; [`Error::Malformed`] naming the line.
 pub fn read_names(path: &Path) -> Result<Vec<String>> {
     let text = json::read_small(path)?;
-    of_text(&String::from_utf8_lossy(&text), path)
+    let text = String::from_utf8(text).map_err(|error| {
+        let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = before.iter().filter(|&&byte| byte == b'\n').count() + 1;
+        Error::malformed(path, format!("line {line}"), "is not UTF-8", "save the table with this encoding")
+    })?;
+    of_text(&text, path)
 }
 
 fn of_text(text: &str, path: &Path) -> Result<Vec<String>> {
@@ -71,5 +76,17 @@ mod tests {
             let error = of(text).unwrap_err().to_string();
             assert!(error.starts_with("n.tsv: ") && error.contains(told), "{error}");
         }
+    }
+
+    /// Regression: letters of another encoding became question marks in all outputs.
+    #[test]
+    fn tables_of_another_encoding_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("n.tsv");
+        std::fs::write(&path, b"0\thead\n1\tK\xf6rper\n").unwrap();
+        let error = read_names(&path).unwrap_err().to_string();
+        assert!(error.ends_with("n.tsv: line 2: is not UTF-8; save the table with this encoding"), "{error}");
+        std::fs::write(&path, "\u{feff}0\tKörper\n").unwrap();
+        assert_eq!(read_names(&path).unwrap(), ["Körper"]);
     }
 }
