@@ -305,3 +305,26 @@ def test_wrong_edits_are_named(cut):
     means = nystrom_stream.segment(*dumbbell(), 3, cluster="kmeans", landmarks=12)
     with pytest.raises(ValueError, match="cluster='parts'"):
         means.edit([{"edit": "split", "at": a}])
+
+
+def test_files_of_other_programs_are_edits_and_doubled_fields_are_not(cut, tmp_path):
+    # Regression: a byte order mark was refused, and of two fields of a name the last was taken in silence.
+    path = tmp_path / "edits.json"
+    text = '{"format": "nystrom-stream edits", "version": 1.0, "edits": [{"into": 2.0, "at": 5.0, "edit": "split"}]}'
+    path.write_text(text, encoding="utf-8-sig")
+    assert (cut.edit(path).labels == cut.edit({"edit": "split", "at": 5}).labels).all()
+    path.write_text(text.replace('"at": 5.0', '"at": 5, "at": 6'))
+    with pytest.raises(ValueError, match="edits.json: not a file of edits: duplicate field `at`"):
+        cut.edit(path)
+    # Regression: the message did not say of what.
+    with pytest.raises(TypeError, match="^edits: keys must be str"):
+        cut.edit({"edit": "split", "at": 5, (1, 2): 3})
+    with pytest.raises(TypeError, match="^edits: a complex is neither a place"):
+        cut.edit({"edit": "split", "at": 1j})
+
+
+def test_names_have_no_letter_that_cannot_be_written(cut):
+    # Regression: a half of a surrogate pair failed when it was saved, and control characters beyond ASCII were accepted.
+    for name in ("a\nb", "\x7f", "a\x85b", "\ud800"):
+        with pytest.raises(ValueError, match="names: .* is not a line of text"):
+            cut.names = {0: name}

@@ -398,3 +398,25 @@ def test_pictures_have_the_names_of_parts(tmp_path):
     assert (named != cut.picture(size=size, names=[])).any()
     assert (named == nystrom_stream.picture(cut, names=cut.names, size=size)).all()
     assert (named == cut.picture(size=size, names={0: "left ball", 1: "bar", 2: "right ball"})).all()
+
+
+def test_rows_of_different_lengths_are_refused_by_name(mesh, cut):
+    # Regression: NumPy's own message did not say of what.
+    ragged = [[1], [1, 2]]
+    for name, wrong in [("labels", lambda: nystrom_stream.evaluate(ragged, cut.labels, mesh)),
+                        ("labels", lambda: nystrom_stream.picture(mesh, ragged)),
+                        ("labels", lambda: nystrom_stream.transfer_labels(mesh, mesh, ragged)),
+                        ("hints", lambda: nystrom_stream.segment(*mesh, hints=ragged)),
+                        ("colours", lambda: cut.picture(colours=ragged))]:
+        with pytest.raises(ValueError, match=f"^{name}: "):
+            wrong()
+
+
+def test_tables_and_pages_have_a_colour_for_each_label(cut, tmp_path):
+    # Regression: labels that were assigned, beyond the colours, were written there.
+    changed = copy.deepcopy(cut)
+    changed.labels[:] = 77
+    for name in ("x.csv", "x.html", "x.ply"):
+        with pytest.raises(ValueError, match="colours: 3 for "):
+            changed.save(tmp_path / name)
+        assert not (tmp_path / name).exists()

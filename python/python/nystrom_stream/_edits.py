@@ -6,12 +6,13 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any, Optional, Union
+from unicodedata import category
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._meshes import MOST, Path, packed, real, unmasked, whole
+from ._meshes import MOST, Path, listed, packed, real, unmasked, whole
 
 Edits = Union[Path, Mapping[str, Any], Sequence[Mapping[str, Any]]]
 Names = Union[Path, Mapping[int, str], Sequence[str]]
@@ -19,12 +20,22 @@ Names = Union[Path, Mapping[int, str], Sequence[str]]
 FORMAT = {"format": "nystrom-stream edits", "version": 1}
 
 
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The fields of an object: of two of a name, `json` keeps the last."""
+    fields = dict(pairs)
+    if len(fields) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"duplicate field `{next(name for name in names if names.count(name) > 1)}`")
+    return fields
+
+
 def as_edits(edits: Any) -> dict[str, Any]:
     """The content of a file of edits as a dict: from a path, such a dict, or a list of edits."""
     if isinstance(edits, (str, os.PathLike)):
-        with open(edits, encoding="utf-8") as file:
+        # Some editors begin each file with a byte order mark.
+        with open(edits, encoding="utf-8-sig") as file:
             try:
-                edits = json.load(file)
+                edits = json.load(file, object_pairs_hook=_once)
             except ValueError as error:
                 raise ValueError(f"{os.fspath(file.name)}: not a file of edits: {error}") from None
     if isinstance(edits, Mapping) and "edits" in edits:
@@ -43,12 +54,12 @@ def text_of(edits: Mapping[str, Any]) -> str:
             return dict(value)
         if hasattr(value, "tolist"):
             return value.tolist()
-        raise TypeError(f"edits: a {type(value).__name__} is neither a place, a number nor a text")
+        raise TypeError(f"a {type(value).__name__} is neither a place, a number nor a text")
 
     try:
         return json.dumps(edits, default=plain, allow_nan=False)
-    except ValueError as error:
-        raise ValueError(f"edits: {error}") from None
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"edits: {error}") from None
 
 
 def as_hints(hints: Union[ArrayLike, str, None], mesh: _native.Mesh) -> Optional[NDArray[np.uint32]]:
@@ -57,7 +68,7 @@ def as_hints(hints: Union[ArrayLike, str, None], mesh: _native.Mesh) -> Optional
         return None
     if isinstance(hints, str):
         return mesh.face_property(hints)
-    hints = np.asarray(unmasked("hints", hints, 0))
+    hints = listed("hints", unmasked("hints", hints, 0))
     if hints.ndim != 1 or len(hints) != mesh.faces or not np.issubdtype(hints.dtype, np.integer) or (hints < 0).any():
         raise ValueError(f"hints: give one integer per face, 0 or more; there are {mesh.faces} faces")
     if (hints > MOST).any():
@@ -79,7 +90,8 @@ def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str],
     for part, name in told.items():
         if not by_part and not name:
             continue
-        if not isinstance(name, str) or any(ord(letter) < 32 for letter in name):
+        # Control characters and halves of surrogate pairs.
+        if not isinstance(name, str) or any(category(letter) in ("Cc", "Cs") for letter in name):
             raise ValueError(f"names: {name!r} is not a line of text")
         if parts is not None and part >= parts:
             raise ValueError(f"names: there is no part {part}; the {parts} parts are counted from 0")

@@ -105,15 +105,20 @@ def packed(values: NDArray[Any], kind: Any = None) -> NDArray[Any]:
     return np.require(values, kind, ["C", "A"])
 
 
-def array(name: str, values: Any, columns: Optional[int] = None) -> NDArray[Any]:
-    """`values` as a two-dimensional array of numbers: of anything that NumPy takes, a pandas table or a tensor too."""
-    if hasattr(values, "detach"):
-        values = values.detach().cpu()
-    values = unmasked(name, values)
+def listed(name: str, values: Any) -> NDArray[Any]:
+    """`values` as an array of any shape and type."""
     try:
         table: NDArray[Any] = np.asarray(values)
     except ValueError as error:
         raise ValueError(f"{name}: rows differ in length") from error
+    return table
+
+
+def array(name: str, values: Any, columns: Optional[int] = None) -> NDArray[Any]:
+    """`values` as a two-dimensional array of numbers: of anything that NumPy takes, a pandas table or a tensor too."""
+    if hasattr(values, "detach"):
+        values = values.detach().cpu()
+    table = listed(name, unmasked(name, values))
     if table.dtype == object:
         raise TypeError(f"{name}: not an array of numbers")
     if table.ndim != 2 or (columns is not None and table.shape[1] != columns):
@@ -258,7 +263,7 @@ def as_labels(labels: Any, faces: int, name: str = "labels", partial: bool = Fal
         labels = _native.read_labels(path)
         if not partial and (labels == MOST).any():
             raise ValueError(f"{name}: {path} has faces without a label")
-    labels = np.asarray(unmasked(name, getattr(labels, "labels", labels), -1 if partial else None))
+    labels = listed(name, unmasked(name, getattr(labels, "labels", labels), -1 if partial else None))
     if labels.ndim == 0:
         raise TypeError(f"{name}: {labels.item()!r}; give one per face")
     if labels.ndim != 1 or len(labels) != faces:
@@ -282,7 +287,7 @@ def number_parts(labels: NDArray[Any]) -> bool:
 
 def as_colours(colours: Any, parts: int) -> NDArray[np.uint8]:
     """One colour per part, (parts or more, 3) uint8: of whole numbers from 0 to 255, or of real ones from 0 to 1."""
-    colours = np.asarray(colours)
+    colours = listed("colours", colours)
     if colours.ndim != 2 or colours.shape[1] != 3:
         raise ValueError(f"colours: an array of shape {'×'.join(map(str, colours.shape))}; give red, green and blue per part")
     is_real = np.issubdtype(colours.dtype, np.floating)

@@ -94,7 +94,9 @@ class _Labelled(_OfMesh):
         quality = None if self.quality is None else packed(self.quality, np.float32)
         # Labels alone may be any numbers.
         bare = self._colours is None and as_path("path", path).lower().endswith((".npy", ".seg"))
-        colours = np.zeros((0, 3), np.uint8) if bare else as_colours(self.colours, 0)
+        # Labels may have been assigned; the other formats check them as they are written.
+        least = int(labels.max()) + 1 if as_path("path", path).lower().endswith((".csv", ".html")) else 0
+        colours = np.zeros((0, 3), np.uint8) if bare else as_colours(self.colours, least)
         _native.save(self._mesh, labels, colours, quality, names, as_path("path", path), json.dumps(self.report),
                      self._cells, self._decision, edits, choices)
 
