@@ -1,15 +1,14 @@
 //! Flat plates: front and back of a thin arm are one part, whatever the seed.
 
 use nystrom_stream::{Mesh, Segmenter};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
-/// Squares of a plate along its sides, and how many it is thick.
+/// Squares of a plate along its sides.
 const SIZE: usize = 60;
-const THICK: usize = 4;
 /// Where an arm in the middle lies.
 const MIDDLE: std::ops::Range<usize> = 24..36;
 
-/// Vertices and triangles of a plate that consists of the squares for which `is_solid` holds.
+/// Vertices and triangles of a plate, `thick` squares thick, that consists of those for which `is_solid` holds.
 #[derive(Default)]
 struct Plate {
     number: HashMap<[usize; 3], u32>,
@@ -18,11 +17,11 @@ struct Plate {
 }
 
 impl Plate {
-    fn new(is_solid: impl Fn(usize, usize) -> bool) -> Self {
+    fn new(thick: usize, is_solid: impl Fn(usize, usize) -> bool) -> Self {
         let solid = |x: usize, y: usize| (1..=SIZE).contains(&x) && (1..=SIZE).contains(&y) && is_solid(x - 1, y - 1);
         let mut plate = Self::default();
         for (x, y) in (1..=SIZE).flat_map(|x| (1..=SIZE).map(move |y| (x, y))).filter(|&(x, y)| solid(x, y)) {
-            plate.square([[x, y, THICK], [x + 1, y, THICK], [x + 1, y + 1, THICK], [x, y + 1, THICK]]);
+            plate.square([[x, y, thick], [x + 1, y, thick], [x + 1, y + 1, thick], [x, y + 1, thick]]);
             plate.square([[x, y, 0], [x, y + 1, 0], [x + 1, y + 1, 0], [x + 1, y, 0]]);
             let sides = [
                 (solid(x, y - 1), [x, y], [x + 1, y]),
@@ -31,7 +30,7 @@ impl Plate {
                 (solid(x - 1, y), [x, y + 1], [x, y]),
             ];
             for (_, a, b) in sides.into_iter().filter(|(is_inside, ..)| !is_inside) {
-                for z in 0..THICK {
+                for z in 0..thick {
                     plate.square([[a[0], a[1], z], [b[0], b[1], z], [b[0], b[1], z + 1], [a[0], a[1], z + 1]]);
                 }
             }
@@ -49,17 +48,38 @@ impl Plate {
         self.faces.extend([[a, b, c], [a, c, d]]);
     }
 
-    /// The number of parts under each of four seeds.
-    fn parts(&self) -> Vec<usize> {
+    /// The labels under each of four seeds.
+    fn labels(&self) -> Vec<Vec<u32>> {
         let mesh = Mesh::from_slices(&self.positions, &self.faces).unwrap();
-        (0..4).map(|seed| Segmenter::new().seed(seed).run(&mesh).unwrap().parts()).collect()
+        (0..4).map(|seed| Segmenter::new().seed(seed).run(&mesh).unwrap().labels().to_vec()).collect()
+    }
+
+    /// The labels of the front and of the back at a square.
+    fn sides(&self, labels: &[u32], [x, y]: [usize; 2]) -> BTreeSet<u32> {
+        let corner = [x as f64 + 1., y as f64 + 1.];
+        let is_there = |face: &[u32; 3]| {
+            let corners = face.map(|v| self.positions[v as usize]);
+            corners.iter().all(|p| p[2] == corners[0][2] && (0..2).all(|k| (0. ..=1.).contains(&(p[k] - corner[k]))))
+        };
+        self.faces.iter().zip(labels).filter(|(face, _)| is_there(face)).map(|(_, label)| *label).collect()
     }
 }
 
-/// Both sides of an arm were clusters of their own: the plus had 2, 4, 2 and 4 parts, the H 1, 2, 2 and 2.
+/// Both sides of an arm were clusters of their own: the plus had 2, 4, 2 and 4 parts, the H 1, 2, 2 and 2. Plates half
+/// or three quarters as thick were one part.
 #[test]
 fn arms_of_thin_plates_are_parts_under_all_seeds() {
-    assert_eq!(Plate::new(|x, y| MIDDLE.contains(&x) || MIDDLE.contains(&y)).parts(), [4; 4]);
     let is_leg = |x: usize| x < MIDDLE.len() || x >= SIZE - MIDDLE.len();
-    assert_eq!(Plate::new(|x, y| is_leg(x) || MIDDLE.contains(&y)).parts(), [3; 4]);
+    for labels in Plate::new(4, |x, y| is_leg(x) || MIDDLE.contains(&y)).labels() {
+        assert_eq!(labels.iter().max(), Some(&2));
+    }
+    for thick in [2, 3, 4] {
+        let plus = Plate::new(thick, |x, y| MIDDLE.contains(&x) || MIDDLE.contains(&y));
+        for labels in plus.labels() {
+            let tips = [[2, 30], [57, 30], [30, 2], [30, 57]].map(|tip| plus.sides(&labels, tip));
+            assert!(tips.iter().all(|sides| sides.len() == 1), "front and back differ: {tips:?}, {thick} thick");
+            assert_eq!(tips.iter().flatten().collect::<BTreeSet<_>>().len(), 4, "{tips:?}, {thick} thick");
+            assert_eq!(labels.iter().max(), Some(&4), "the arms and the middle, {thick} thick");
+        }
+    }
 }

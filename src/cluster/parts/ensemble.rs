@@ -14,6 +14,7 @@ use super::convexity::{PairSums, WIDTHS, convexity};
 use super::folding::log_folding;
 use super::matrix::Square;
 use super::merges::{MergeModel, meeting_probability, merges};
+use super::plates::Plate;
 use super::region_pieces::RegionPieces;
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments, region_bytes};
 use super::shortcuts::with_shortcuts;
@@ -148,6 +149,8 @@ pub struct MeasuredSuperfaces {
     sums: Vec<Vec<PairSums>>,
     /// How folded the surface is ([`log_folding`]).
     log_folding: f64,
+    /// The cells of a plate, and in its inflated shape, in which its regions are compared.
+    plate: Option<(Plate, CellGraph)>,
 }
 
 /// The embedding of all `rows` whose means are used to compare regions.
@@ -175,6 +178,8 @@ impl MeasuredSuperfaces {
         for (i, &a) in of_cell.iter().enumerate().rev() {
             first[a as usize] = i as u32;
         }
+        let plate = Plate::of(cells).map(|plate| (plate.inflated(cells), plate)).map(|(shape, plate)| (plate, shape));
+        let cells = plate.as_ref().map_or(cells, |(_, shape)| shape);
         let log_thickness = log_thickness(cells, run)?;
         Ok(MeasuredSuperfaces {
             sums: convexity(cells, &log_thickness, &of_cell, &RegionPieces::connected(cells, &of_cell, n), run)?,
@@ -182,6 +187,7 @@ impl MeasuredSuperfaces {
             log_thickness,
             log_folding: log_folding(cells),
             superfaces: Superfaces { area: class_sums(&of_cell, &cells.area, n), of_cell, first },
+            plate: plate.clone(),
         })
     }
 
@@ -200,6 +206,7 @@ impl MeasuredSuperfaces {
         width: usize,
     ) -> Vec<Regions> {
         let labels = RegionLabels { of_cell: region, of_superface: &self.superfaces.labels(region), pieces };
+        let cells = self.plate.as_ref().map_or(cells, |(_, shape)| shape);
         let mut all = Regions::gather(cells, &self.moments, &self.sums, labels, width);
         all.iter_mut().for_each(|regions| regions.log_folding = self.log_folding);
         all
@@ -263,7 +270,11 @@ pub fn co_association(
             Ok((measured.superfaces.labels(&m.region), MeetingProbabilities { pieces, blocks }))
         },
     )?;
-    mean_over_ensemble(measured.superfaces.len(), &trees, run)
+    let c = mean_over_ensemble(measured.superfaces.len(), &trees, run)?;
+    Ok(match &measured.plate {
+        Some((plate, _)) => plate.sides_as_one(cells, &measured.superfaces.of_cell, &c),
+        None => c,
+    })
 }
 
 /// The [`meeting_probability`] of any two regions of an over-segmentation; 0 for regions of different pieces.

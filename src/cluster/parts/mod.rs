@@ -7,7 +7,7 @@
 //!   each time from a random subset of the landmarks.
 //! - [`merges`] merges each over-segmentation down to one part and estimates at each merge the probability that people
 //!   keep the two sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`], in
-//!   units of the shape without its [`folding`].
+//!   units of the shape without its [`folding`]. Flat [`plates`] are inflated for it.
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
 //! - If the surface is its own mirror image, or a posed body is symmetric along its surface, both sides are decided
 //!   alike ([`symmetry`]).
@@ -40,6 +40,7 @@ pub mod matrix;
 pub mod merge_features;
 pub mod merge_odds;
 pub mod merges;
+pub mod plates;
 pub mod region_pieces;
 pub mod regions;
 pub mod shortcuts;

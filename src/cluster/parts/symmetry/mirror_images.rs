@@ -119,7 +119,7 @@ pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], maps: &[MirrorIm
 
 /// For each of `n` superfaces, the shares of its image in other superfaces, which sum to 1, and how well it matches
 /// (R).
-pub(super) fn superface_images(
+pub(in crate::cluster::parts) fn superface_images(
     n: usize,
     of_cell: &[u32],
     shares: &[f64],
