@@ -3,6 +3,7 @@
 glasses, a plus, a hand and a spanner with a slot, of 18,000 to 40,000 faces; for "Plates" in docs/dev/segmentation-experiments.md.
 
     tools/plates.py OUT; tools/steadiness.py --seeds 6 OUT/*.ply
+    tools/plates.py --sheets OUT                                     # planar meshes of the same outlines
 
 An outline is the union and difference of thick segments, boxes and rings, given by their signed distance. Needs NumPy and scikit-image.
 """
@@ -71,19 +72,40 @@ OUTLINES = {
 }
 
 
-def main():
-    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
-        sys.exit(__doc__)
-    out = pathlib.Path(sys.argv[1])
-    out.mkdir(parents=True, exist_ok=True)
-    x = np.linspace(-WIDTH, WIDTH, POINTS)
+def plate(outline, x):
+    """Vertices and triangles of the plate, by marching cubes."""
     step = x[1] - x[0]
     z = np.arange(-LAYERS, LAYERS + 1) * step / 1.3
+    across = outline(np.stack(np.meshgrid(x, x, indexing="ij"), -1))[..., None] + ROUNDED
+    through = (np.abs(z) - THICK / 2 + ROUNDED)[None, None]
+    distance = np.minimum(np.maximum(across, through), 0) + np.hypot(np.maximum(across, 0), np.maximum(through, 0)) - ROUNDED
+    points, corners, _, _ = marching_cubes(distance, 0, spacing=(step, step, step / 1.3))
+    return points, corners
+
+
+def sheet(outline, x):
+    """Vertices and triangles in the plane: a grid whose vertices near the outline are moved onto it."""
+    count, step, eps = len(x), x[1] - x[0], 1e-4
+    points = np.stack(np.meshgrid(x, x, indexing="ij"), -1).reshape(-1, 2)
+    distance = outline(points)
+    slope = np.stack([outline(points + eps * axis) - outline(points - eps * axis) for axis in np.eye(2)], -1) / (2 * eps)
+    near = np.abs(distance) < 0.5 * step
+    points[near] -= (distance[:, None] * slope)[near]
+    i = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).ravel()
+    corners = np.concatenate([np.stack([i, i + count, i + count + 1], 1), np.stack([i, i + count + 1, i + 1], 1)])
+    corners = corners[(distance[corners] < 0.5 * step).all(1) & (outline(points[corners].mean(1)) < -1e-3)]
+    used, corners = np.unique(corners, return_inverse=True)
+    return np.pad(points[used], ((0, 0), (0, 1))), corners.reshape(-1, 3)
+
+
+def main():
+    *options, out = sys.argv[1:] or [""]
+    if not out or out.startswith("-") or options not in ([], ["--sheets"]):
+        sys.exit(__doc__)
+    out = pathlib.Path(out)
+    out.mkdir(parents=True, exist_ok=True)
     for name, outline in OUTLINES.items():
-        across = outline(np.stack(np.meshgrid(x, x, indexing="ij"), -1))[..., None] + ROUNDED
-        through = (np.abs(z) - THICK / 2 + ROUNDED)[None, None]
-        distance = np.minimum(np.maximum(across, through), 0) + np.hypot(np.maximum(across, 0), np.maximum(through, 0)) - ROUNDED
-        points, corners, _, _ = marching_cubes(distance, 0, spacing=(step, step, step / 1.3))
+        points, corners = sheet(outline, np.linspace(-WIDTH, WIDTH, 260)) if options else plate(outline, np.linspace(-WIDTH, WIDTH, POINTS))
         faces = np.empty(len(corners), [("count", "u1"), ("corners", "<i4", 3)])
         faces["count"], faces["corners"] = 3, corners
         head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *[f"property float {axis}" for axis in "xyz"],

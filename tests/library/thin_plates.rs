@@ -1,4 +1,4 @@
-//! Flat plates: front and back of a thin arm are one part, whatever the seed.
+//! Flat plates and sheets: front and back of a thin arm are one part, whatever the seed.
 
 use nystrom_stream::{Mesh, Segmenter};
 use std::collections::{BTreeSet, HashMap};
@@ -48,6 +48,16 @@ impl Plate {
         self.faces.extend([[a, b, c], [a, c, d]]);
     }
 
+    /// A sheet of triangles in a plane.
+    fn sheet(is_solid: impl Fn(usize, usize) -> bool) -> Self {
+        let mut sheet = Self::default();
+        for (x, y) in (0..SIZE).flat_map(|x| (0..SIZE).map(move |y| (x, y))).filter(|&(x, y)| is_solid(x, y)) {
+            let (right, up) = (x + 1, y + 1);
+            sheet.square([[x, y, 0], [right, y, 0], [right, up, 0], [x, up, 0]].map(|[x, y, z]| [x + 1, y + 1, z]));
+        }
+        sheet
+    }
+
     /// The labels under each of four seeds.
     fn labels(&self) -> Vec<Vec<u32>> {
         let mesh = Mesh::from_slices(&self.positions, &self.faces).unwrap();
@@ -74,12 +84,29 @@ fn arms_of_thin_plates_are_parts_under_all_seeds() {
         assert_eq!(labels.iter().max(), Some(&2));
     }
     for thick in [2, 3, 4] {
-        let plus = Plate::new(thick, |x, y| MIDDLE.contains(&x) || MIDDLE.contains(&y));
-        for labels in plus.labels() {
-            let tips = [[2, 30], [57, 30], [30, 2], [30, 57]].map(|tip| plus.sides(&labels, tip));
-            assert!(tips.iter().all(|sides| sides.len() == 1), "front and back differ: {tips:?}, {thick} thick");
-            assert_eq!(tips.iter().flatten().collect::<BTreeSet<_>>().len(), 4, "{tips:?}, {thick} thick");
-            assert_eq!(labels.iter().max(), Some(&4), "the arms and the middle, {thick} thick");
-        }
+        assert_arms_are_parts(&Plate::new(thick, is_plus), &format!("{thick} thick"));
+    }
+}
+
+/// A planar mesh was one part, whatever its outline.
+#[test]
+fn arms_of_planar_meshes_are_parts_under_all_seeds() {
+    assert_arms_are_parts(&Plate::sheet(is_plus), "a sheet");
+    for labels in Plate::sheet(|_, y| y < 2 * MIDDLE.len()).labels() {
+        assert_eq!(labels.iter().max(), Some(&0), "a rectangle is left whole");
+    }
+}
+
+fn is_plus(x: usize, y: usize) -> bool {
+    MIDDLE.contains(&x) || MIDDLE.contains(&y)
+}
+
+/// Asserts that the arms of a plus and its middle are its parts, in front as behind.
+fn assert_arms_are_parts(plus: &Plate, which: &str) {
+    for labels in plus.labels() {
+        let tips = [[2, 30], [57, 30], [30, 2], [30, 57]].map(|tip| plus.sides(&labels, tip));
+        assert!(tips.iter().all(|sides| sides.len() == 1), "front and back differ: {tips:?}, {which}");
+        assert_eq!(tips.iter().flatten().collect::<BTreeSet<_>>().len(), 4, "{tips:?}, {which}");
+        assert_eq!(labels.iter().max(), Some(&4), "the arms and the middle, {which}");
     }
 }

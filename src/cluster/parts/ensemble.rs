@@ -12,9 +12,9 @@ use super::cell_graph::{CellGraph, class_sums, connected_pieces, intersect, join
 use super::cell_kmeans::CellKMeans;
 use super::convexity::{PairSums, WIDTHS, convexity};
 use super::folding::log_folding;
+use super::inflation::Inflated;
 use super::matrix::Square;
 use super::merges::{MergeModel, meeting_probability, merges};
-use super::plates::Plate;
 use super::region_pieces::RegionPieces;
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments, region_bytes};
 use super::shortcuts::with_shortcuts;
@@ -149,8 +149,8 @@ pub struct MeasuredSuperfaces {
     sums: Vec<Vec<PairSums>>,
     /// How folded the surface is ([`log_folding`]).
     log_folding: f64,
-    /// The cells of a plate, and in its inflated shape, in which its regions are compared.
-    plate: Option<(Plate, CellGraph)>,
+    /// The shape in which regions of a plate or a sheet are compared.
+    inflated: Option<Inflated>,
 }
 
 /// The embedding of all `rows` whose means are used to compare regions.
@@ -178,17 +178,19 @@ impl MeasuredSuperfaces {
         for (i, &a) in of_cell.iter().enumerate().rev() {
             first[a as usize] = i as u32;
         }
-        let plate = Plate::of(cells).map(|plate| (plate.inflated(cells), plate)).map(|(shape, plate)| (plate, shape));
-        let cells = plate.as_ref().map_or(cells, |(_, shape)| shape);
-        let log_thickness = log_thickness(cells, run)?;
-        Ok(MeasuredSuperfaces {
-            sums: convexity(cells, &log_thickness, &of_cell, &RegionPieces::connected(cells, &of_cell, n), run)?,
-            moments: cell_moments(cells, embedding, &log_thickness),
-            log_thickness,
-            log_folding: log_folding(cells),
-            superfaces: Superfaces { area: class_sums(&of_cell, &cells.area, n), of_cell, first },
-            plate: plate.clone(),
-        })
+        let inflated = Inflated::of(cells);
+        let superfaces = Superfaces { area: class_sums(&of_cell, &cells.area, n), of_cell, first };
+        let (of_cell, values) = match &inflated {
+            Some(shape) => (shape.values(&superfaces.of_cell), shape.values(&embedding.values)),
+            None => (superfaces.of_cell.as_slice().into(), embedding.values.as_slice().into()),
+        };
+        let embedding = AnchorEmbedding { values: values.into_owned(), width: embedding.width };
+        let shape = inflated.as_ref().map_or(cells, |shape| &shape.cells);
+        let mut log_thickness = log_thickness(shape, run)?;
+        let sums = convexity(shape, &log_thickness, &of_cell, &RegionPieces::connected(shape, &of_cell, n), run)?;
+        let moments = cell_moments(shape, &embedding, &log_thickness);
+        log_thickness.truncate(cells.len());
+        Ok(MeasuredSuperfaces { log_folding: log_folding(shape), sums, moments, log_thickness, inflated, superfaces })
     }
 
     /// Region sums of a labelling of cells that is constant on superfaces.
@@ -205,9 +207,12 @@ impl MeasuredSuperfaces {
         pieces: &RegionPieces,
         width: usize,
     ) -> Vec<Regions> {
-        let labels = RegionLabels { of_cell: region, of_superface: &self.superfaces.labels(region), pieces };
-        let cells = self.plate.as_ref().map_or(cells, |(_, shape)| shape);
-        let mut all = Regions::gather(cells, &self.moments, &self.sums, labels, width);
+        let (shape, of_cell) = match &self.inflated {
+            Some(shape) => (&shape.cells, shape.values(region)),
+            None => (cells, region.into()),
+        };
+        let labels = RegionLabels { of_cell: &of_cell, of_superface: &self.superfaces.labels(region), pieces };
+        let mut all = Regions::gather(shape, &self.moments, &self.sums, labels, width);
         all.iter_mut().for_each(|regions| regions.log_folding = self.log_folding);
         all
     }
@@ -271,8 +276,8 @@ pub fn co_association(
         },
     )?;
     let c = mean_over_ensemble(measured.superfaces.len(), &trees, run)?;
-    Ok(match &measured.plate {
-        Some((plate, _)) => plate.sides_as_one(cells, &measured.superfaces.of_cell, &c),
+    Ok(match &measured.inflated {
+        Some(shape) => shape.sides_as_one(cells, &measured.superfaces.of_cell, c),
         None => c,
     })
 }

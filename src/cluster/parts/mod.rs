@@ -7,7 +7,8 @@
 //!   each time from a random subset of the landmarks.
 //! - [`merges`] merges each over-segmentation down to one part and estimates at each merge the probability that people
 //!   keep the two sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`], in
-//!   units of the shape without its [`folding`]. Flat [`plates`] are inflated for it.
+//!   units of the shape without its [`folding`]. Regions of flat [`plates`] and sheets are compared after their
+//!   [`inflation`].
 //! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
 //! - If the surface is its own mirror image, or a posed body is symmetric along its surface, both sides are decided
 //!   alike ([`symmetry`]).
@@ -33,6 +34,7 @@ pub mod ensemble;
 pub mod folding;
 pub mod hierarchy;
 pub mod hints;
+pub mod inflation;
 pub mod interior;
 pub mod labelling;
 pub mod linkage;
