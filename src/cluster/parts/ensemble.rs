@@ -25,6 +25,7 @@ use crate::base::random::{Random, below, splitmix_step, stream};
 use crate::spectral::anchor::{AnchorEmbedding, LandmarkDistances, anchor_embedding};
 use crate::store::run::Run;
 use rand_xoshiro::rand_core::Rng;
+use std::borrow::Cow;
 
 /// Kernel width, relative to the mean distance, of the embedding whose means are used to compare regions.
 pub const COMPARE_SCALE: f64 = 0.2;
@@ -180,15 +181,17 @@ impl MeasuredSuperfaces {
         }
         let inflated = Inflated::of(cells);
         let superfaces = Superfaces { area: class_sums(&of_cell, &cells.area, n), of_cell, first };
-        let (of_cell, values) = match &inflated {
-            Some(shape) => (shape.values(&superfaces.of_cell), shape.values(&embedding.values)),
-            None => (superfaces.of_cell.as_slice().into(), embedding.values.as_slice().into()),
+        let (of_cell, points) = match &inflated {
+            Some(shape) => {
+                let values = shape.values(&embedding.values).into_owned();
+                (shape.values(&superfaces.of_cell), Cow::Owned(AnchorEmbedding { values, ..*embedding }))
+            }
+            None => (superfaces.of_cell.as_slice().into(), Cow::Borrowed(embedding)),
         };
-        let embedding = AnchorEmbedding { values: values.into_owned(), width: embedding.width };
         let shape = inflated.as_ref().map_or(cells, |shape| &shape.cells);
         let mut log_thickness = log_thickness(shape, run)?;
         let sums = convexity(shape, &log_thickness, &of_cell, &RegionPieces::connected(shape, &of_cell, n), run)?;
-        let moments = cell_moments(shape, &embedding, &log_thickness);
+        let moments = cell_moments(shape, &points, &log_thickness);
         log_thickness.truncate(cells.len());
         Ok(MeasuredSuperfaces { log_folding: log_folding(shape), sums, moments, log_thickness, inflated, superfaces })
     }
