@@ -9,6 +9,12 @@ pub fn products(x: [f64; 3]) -> [f64; 6] {
     [x[0] * x[0], x[1] * x[1], x[2] * x[2], x[0] * x[1], x[0] * x[2], x[1] * x[2]]
 }
 
+/// The second moments about the mean, of points with the given `mean` and means of their products, `second`.
+pub fn about_mean(mean: [f64; 3], second: [f64; 6]) -> [f64; 6] {
+    let of_mean = products(mean);
+    std::array::from_fn(|k| second[k] - of_mean[k])
+}
+
 /// Eigenvalues of the symmetric 3 × 3 matrix of moments, greatest first. Uses Jacobi rotations, which are accurate to
 /// rounding however close the eigenvalues are.
 pub fn eigenvalues(m: [f64; 6]) -> [f64; 3] {

@@ -11,8 +11,9 @@
 
 use super::cell_graph::CellGraph;
 use super::matrix::Square;
-use super::plates::{Plate, axes_across, sheet_with_back};
-use crate::base::vector::{add_scaled, axpy, dot, inner_product, length, minus, unit};
+use super::plates::{Plate, sheet_with_back};
+use super::thickness::tangents;
+use crate::base::vector::{add_scaled, axpy, distance, dot, inner_product, length, minus, unit};
 use std::borrow::Cow;
 use std::f64::consts::PI;
 
@@ -83,7 +84,7 @@ fn inflated(plate: &Plate, cells: &CellGraph, rise: f64) -> CellGraph {
 
 /// The gradient of `height` (S) along a plate across this axis at each cell, by least squares over its neighbours (S).
 fn slopes(cells: &CellGraph, axis: [f64; 3], height: &[f64]) -> Vec<[f64; 3]> {
-    let [first, second] = axes_across(axis);
+    let [first, second] = tangents(axis);
     let slope = |(i, beside): (usize, &Vec<u32>)| {
         let (mut xx, mut xy, mut yy, mut xz, mut yz) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for &j in beside {
@@ -104,7 +105,7 @@ fn slopes(cells: &CellGraph, axis: [f64; 3], height: &[f64]) -> Vec<[f64; 3]> {
 /// The solution u of Δu = −4 on the cells that are not of the rim (S), with u = 0 there: finite volumes, by conjugate
 /// gradients.
 fn solved(cells: &CellGraph, is_rim: &[bool]) -> Vec<f64> {
-    let apart = |[i, j]: [u32; 2]| length(minus(cells.centre[j as usize], cells.centre[i as usize]));
+    let apart = |[i, j]: [u32; 2]| distance(cells.centre[j as usize], cells.centre[i as usize]);
     let weight = cells.pairs.iter().zip(&cells.length).map(|(&pair, along)| along / apart(pair).max(1e-9));
     let weight: Vec<f64> = weight.collect();
     let flow = |u: &[f64]| {

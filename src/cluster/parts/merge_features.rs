@@ -30,8 +30,7 @@ pub(super) fn log(x: f64) -> f64 {
 
 /// Square roots of the eigenvalues, greatest first, of a distribution with the given means of x and of its products.
 fn extents(mean: [f64; 3], products: [f64; 6]) -> [f64; 3] {
-    let of_mean = moments::products(mean);
-    let e = moments::eigenvalues(std::array::from_fn(|k| products[k] - of_mean[k]));
+    let e = moments::eigenvalues(moments::about_mean(mean, products));
     e.map(|v| v.max(1e-8).sqrt())
 }
 

@@ -12,9 +12,10 @@
 use super::cell_graph::{CellGraph, connected_pieces};
 use super::matrix::Square;
 use super::symmetry::mirror_images::{MirrorImages, superface_images};
-use crate::base::moments::{principal_axes, products};
-use crate::base::vector::{axpy, cross, dot, minus, unit};
-use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2, TAU};
+use super::thickness::tangents;
+use crate::base::moments::{about_mean, principal_axes, products};
+use crate::base::vector::{axpy, dot, minus};
+use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2, TAU};
 
 /// A plate lies within a slab of this thickness, in units of √(total area).
 const SLAB: f64 = 0.12;
@@ -55,8 +56,7 @@ impl Slab {
             axpy(&mut mean, area / total, &x);
             axpy(&mut second, area / total, &products(x));
         }
-        let of_mean = products(mean);
-        let moments: [f64; 6] = std::array::from_fn(|k| second[k] - of_mean[k]);
+        let moments = about_mean(mean, second);
         if !moments.iter().all(|x| x.is_finite()) {
             return None;
         }
@@ -161,7 +161,7 @@ impl Plate {
 }
 
 /// The cells of a flat sheet and, after them, those of its back, joined at the rim, in units of their own area: a plate
-/// without thickness. `None` for other surfaces.
+/// without thickness. Angles are 0, until it is inflated. `None` for other surfaces.
 pub fn sheet_with_back(cells: &CellGraph) -> Option<CellGraph> {
     let slab = Slab::of(cells, SHEET.0)?;
     if slab.share(cells, |side| side >= FLAT.0).max(slab.share(cells, |side| side <= -FLAT.0)) < SHEET.1 {
@@ -170,40 +170,29 @@ pub fn sheet_with_back(cells: &CellGraph) -> Option<CellGraph> {
     let (n, radii) = (cells.len() as u32, cells.radii());
     let gaps = widest_gaps(cells, slab.axis).into_iter().zip(0u32..);
     let rim: Vec<u32> = gaps.filter(|(gap, _)| *gap >= OPEN).map(|(_, i)| i).collect();
-    let two = |values: &[f64], factor: f64| values.iter().chain(values).map(|x| factor * x).collect::<Vec<f64>>();
-    let and_rim = |values: &[f64], factor: f64, at_rim: &dyn Fn(f64) -> f64| {
-        let mut all = two(values, factor);
-        all.extend(rim.iter().map(|&i| at_rim(radii[i as usize])));
-        all
-    };
     let (behind, turned) = (|pair: &[u32; 2]| pair.map(|i| i + n), |n: &[f64; 3]| n.map(|x| -x));
-    let centre = cells.centre.iter().chain(&cells.centre);
+    let (centre, length) = (cells.centre.iter().chain(&cells.centre), cells.length.iter().chain(&cells.length));
     let pairs = cells.pairs.iter().copied().chain(cells.pairs.iter().map(behind));
+    let pairs: Vec<[u32; 2]> = pairs.chain(rim.iter().map(|&i| [i, i + n])).collect();
+    let flat = vec![0.0; pairs.len()];
     Some(CellGraph {
         seed: Vec::new(),
-        area: two(&cells.area, 0.5),
+        area: cells.area.iter().chain(&cells.area).map(|x| 0.5 * x).collect(),
         centre: centre.map(|x| x.map(|x| FRAC_1_SQRT_2 * x)).collect(),
         normal: cells.normal.iter().copied().chain(cells.normal.iter().map(turned)).collect(),
-        pairs: pairs.chain(rim.iter().map(|&i| [i, i + n])).collect(),
-        length: and_rim(&cells.length, FRAC_1_SQRT_2, &|radius| SQRT_2 * radius),
-        concave: and_rim(&cells.concave, 1.0, &|_| 0.0),
-        convex: and_rim(&cells.convex, 1.0, &|_| PI),
-        convex04: and_rim(&cells.convex04, 1.0, &|_| PI),
+        pairs,
+        length: length.map(|x| FRAC_1_SQRT_2 * x).chain(rim.iter().map(|&i| SQRT_2 * radii[i as usize])).collect(),
+        concave: flat.clone(),
+        convex: flat.clone(),
+        convex04: flat,
     })
-}
-
-/// Two unit vectors at right angles to each other and to the `axis`.
-pub fn axes_across(axis: [f64; 3]) -> [[f64; 3]; 2] {
-    let other = if axis[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-    let first = unit(cross(axis, other));
-    [first, cross(axis, first)]
 }
 
 /// For each cell of a sheet across this `axis`, the widest angle between the directions in which cells within two steps
 /// of it lie (S). On a planar plus it is 2.35 or more for 95 % of the cells at the open boundary, and below 1.17
 /// for 95 % of those away from it. With direct neighbours only, these are 2.61 and 2.42.
 fn widest_gaps(cells: &CellGraph, axis: [f64; 3]) -> Vec<f64> {
-    let [first, second] = axes_across(axis);
+    let [first, second] = tangents(axis);
     let beside = cells.neighbours();
     let gap = |i: usize| {
         let direction = |&j: &u32| {
@@ -224,6 +213,7 @@ fn widest_gaps(cells: &CellGraph, axis: [f64; 3]) -> Vec<f64> {
 pub(super) mod tests {
     use super::*;
     use crate::base::random::{below, stream, unit as random_unit};
+    use crate::base::vector::unit;
 
     /// Both sides of a disc of radius 1, as a grid of cells of this width, with the cells beyond the radius as rim.
     pub fn disc(width: f64) -> CellGraph {
