@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """Fits the trees that say how probably people keep two regions in one part (src/cluster/parts/merge_odds.rs).
 
-tools/fit/boost.py -o FOLDER EXAMPLES.npy... [--copies COPIES.npy...]
+tools/fit/boost.py -o FOLDER EXAMPLES.npy... [--copies COPIES.npy...] [--copy-weight .5] [--categories]
 
 EXAMPLES.npy comes from `cargo run --release -p nystrom-stream-tools --bin fit -- BENCHMARK --examples EXAMPLES.npy --seeds 4`,
-COPIES.npy from the same with the benchmark that tools/fit/decimated.py makes: the same models in other triangles, which count half.
+COPIES.npy from the same with the benchmark that tools/fit/decimated.py makes: the same models in other triangles, which count half
+(--copy-weight).
 Several files of either have the same models merged in other orders (`--odds-power`), and share that weight. FOLDER gets all.json,
 fitted to all models, half-0.json and half-1.json, for judging one half of each category by the other, and fold-0.json to
-fold-4.json, for judging categories by others. Needs LightGBM and NumPy; one thread, so that the same examples give the same
+fold-4.json, for judging categories by four fifths of them. With --categories, also category-0.json, category-1.json, …, each
+fitted to all categories but that one. Needs LightGBM and NumPy; one thread, so that the same examples give the same
 trees.
 """
 
@@ -73,16 +75,20 @@ def main():
     parser.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FOLDER")
     parser.add_argument("examples", nargs="+")
     parser.add_argument("--copies", nargs="+", default=[])
+    parser.add_argument("--copy-weight", type=float, default=COPY)
+    parser.add_argument("--categories", action="store_true")
     args = parser.parse_args()
     tables = [np.load(path) for path in args.examples + args.copies]
     examples = np.concatenate([table.reshape(len(table), -1) for table in tables])
-    weights = [1 / len(args.examples)] * len(args.examples) + [COPY / len(args.copies) for _ in args.copies]
+    weights = [1 / len(args.examples)] * len(args.examples) + [args.copy_weight / len(args.copies) for _ in args.copies]
     share = np.repeat(weights, [len(table) for table in tables])
     category, position = examples[:, 1].astype(int), examples[:, 2].astype(int)
     together, pairs, features = examples[:, 4], examples[:, 5], examples[:, KEYS:]
     wanted = {"all": np.ones(len(examples), bool)}
     wanted |= {f"half-{k}": position % 2 != k for k in range(2)}
     wanted |= {f"fold-{k}": category % 5 != k for k in range(5)}
+    if args.categories:
+        wanted |= {f"category-{k}": category != k for k in range(category.max() + 1)}
     args.out.mkdir(parents=True, exist_ok=True)
     for name, chosen in wanted.items():
         text = json.dumps(fit(features, together, pairs, share, chosen), separators=(",", ":"))

@@ -10,7 +10,7 @@
 //!
 //! BENCHMARK holds `N.ply`, people's `N_j.seg` and `models.tsv` with the columns model, category and parts. Scores are the
 //! mean 1 − Rand index of the parts on cells, without the last front: with trees fitted to all models, to the other half of
-//! them (odd or even places in the category), and to the other four fifths of the categories. A second of one core per model
+//! them (odd or even places in the category), to the other four fifths of the categories, and to all other categories. A second of one core per model
 //! and seed, half of that with the cache that the first run filled (some 8 MB per model and seed).
 
 mod data;
@@ -21,7 +21,7 @@ use nystrom_stream::base::{Error, Result};
 use nystrom_stream::cluster::parts::PartsParams;
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
 use nystrom_stream::cluster::parts::merge_odds::BoostedTrees;
-use nystrom_stream::cluster::parts::merges::MergeModel;
+use nystrom_stream::cluster::parts::merges::{EnsembleMean, MergeModel};
 use nystrom_stream::store::Run;
 use nystrom_stream::store::npy;
 use std::borrow::Cow;
@@ -62,6 +62,12 @@ struct Arguments {
     /// Exponent of the odds in the order of merges.
     #[arg(long, default_value_t = MergeModel::default().odds_power)]
     odds_power: f64,
+    /// Greatest log odds that count in the order of merges.
+    #[arg(long, default_value_t = MergeModel::default().odds_bound)]
+    odds_bound: f64,
+    /// Average log odds over the ensemble, each between ± this value, instead of probabilities.
+    #[arg(long, value_name = "BOUND")]
+    mean_log_odds: Option<f64>,
     /// The odds that order the merges of the examples: those in this folder that were fitted to other categories, instead of
     /// those in use.
     #[arg(long)]
@@ -71,8 +77,9 @@ struct Arguments {
 impl Arguments {
     /// The model of merges with these exponents and `odds`.
     fn model(&self, odds: Cow<'static, BoostedTrees>) -> MergeModel {
-        let Self { area_power, convexity_power, odds_power, .. } = *self;
-        MergeModel { area_power, convexity_power, odds_power, odds }
+        let Self { area_power, convexity_power, odds_power, odds_bound, .. } = *self;
+        let mean = self.mean_log_odds.map_or(EnsembleMean::Probabilities, EnsembleMean::LogOdds);
+        MergeModel { area_power, convexity_power, odds_power, odds_bound, mean, odds }
     }
 
     /// The same with the trees in the file `name` of `folder`.
@@ -176,7 +183,14 @@ fn fit(arguments: &Arguments) -> Result<()> {
     let halves = (0..2).map(|k| arguments.read(folder, &format!("half-{k}.json"))).collect::<Result<Vec<_>>>()?;
     judge("the other half", arguments, &models, |m| &halves[m.position % 2], &run)?;
     let folds = arguments.folds(folder)?;
-    judge("other categories", arguments, &models, |m| &folds[m.category % FOLDS], &run)
+    judge("other categories", arguments, &models, |m| &folds[m.category % FOLDS], &run)?;
+    if !folder.join("category-0.json").exists() {
+        return Ok(());
+    }
+    let categories = models.iter().map(|m| m.category + 1).max().unwrap_or(0);
+    let each = (0..categories).map(|k| arguments.read(folder, &format!("category-{k}.json")));
+    let each = each.collect::<Result<Vec<_>>>()?;
+    judge("all other categories", arguments, &models, |m| &each[m.category], &run)
 }
 
 fn main() -> ExitCode {

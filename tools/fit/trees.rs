@@ -7,7 +7,7 @@ use nystrom_stream::cluster::parts::ensemble::{
 };
 use nystrom_stream::cluster::parts::labelling::{best_labelling, soft_hierarchy};
 use nystrom_stream::cluster::parts::merge_features::FEATURES;
-use nystrom_stream::cluster::parts::merges::{MergeModel, RegionMerge, meeting_probability, merges};
+use nystrom_stream::cluster::parts::merges::{EnsembleMean, MergeModel, RegionMerge, meeting_probability, merges};
 use nystrom_stream::cluster::parts::region_pieces::RegionPieces;
 use nystrom_stream::cluster::parts::{CellGraph, PartsParams, Superfaces};
 use nystrom_stream::spectral::anchor::LandmarkDistances;
@@ -35,6 +35,7 @@ pub struct Trees {
     people: Vec<Vec<Overlap>>,
     superfaces: Superfaces,
     trees: Vec<Tree>,
+    mean: EnsembleMean,
     pub examples: Vec<Example>,
 }
 
@@ -60,7 +61,7 @@ impl Trees {
         let trees = ensemble.iter().map(grow).collect();
         // Only merging needs the measures, and they are most of the memory.
         let superfaces = measured.superfaces;
-        Ok(Trees { cells: data.cells, people: data.people, superfaces, trees, examples })
+        Ok(Trees { cells: data.cells, people: data.people, superfaces, trees, mean: model.mean, examples })
     }
 
     /// How good the parts are, as many as are found and as many as `parts`.
@@ -71,7 +72,7 @@ impl Trees {
             (tree.region.clone(), MeetingProbabilities { pieces: RegionPieces::whole(tree.regions), blocks })
         };
         let trees: Vec<_> = self.trees.iter().map(meet).collect();
-        let together = mean_over_ensemble(self.superfaces.len(), &trees, &run)?;
+        let together = mean_over_ensemble(self.superfaces.len(), &trees, self.mean, &run)?;
         let best = best_labelling(&self.superfaces.area, &together);
         let small_part = PartsParams::default().small_part;
         let tree = soft_hierarchy(&self.cells, &self.superfaces, &together, &best, None, small_part, &run)?;

@@ -14,7 +14,7 @@ use super::convexity::{PairSums, WIDTHS, convexity};
 use super::folding::log_folding;
 use super::inflation::Inflated;
 use super::matrix::Square;
-use super::merges::{MergeModel, meeting_probability, merges};
+use super::merges::{EnsembleMean, MergeModel, meeting_probability, merges};
 use super::region_pieces::RegionPieces;
 use super::regions::{CellMoments, EMBEDDING_DIMENSIONS, RegionLabels, Regions, cell_moments, region_bytes};
 use super::shortcuts::with_shortcuts;
@@ -278,7 +278,7 @@ pub fn co_association(
             Ok((measured.superfaces.labels(&m.region), MeetingProbabilities { pieces, blocks }))
         },
     )?;
-    let c = mean_over_ensemble(measured.superfaces.len(), &trees, run)?;
+    let c = mean_over_ensemble(measured.superfaces.len(), &trees, model.mean, run)?;
     Ok(match &measured.inflated {
         Some(shape) => shape.sides_as_one(cells, &measured.superfaces.of_cell, c),
         None => c,
@@ -309,7 +309,12 @@ impl MeetingProbabilities {
 ///
 /// # Errors
 /// Cancellation.
-pub fn mean_over_ensemble(n: usize, trees: &[(Vec<u32>, MeetingProbabilities)], run: &Run) -> Result<Square> {
+pub fn mean_over_ensemble(
+    n: usize,
+    trees: &[(Vec<u32>, MeetingProbabilities)],
+    how: EnsembleMean,
+    run: &Run,
+) -> Result<Square> {
     let share = 1.0 / trees.len().max(1) as f64;
     let mut mean = Square::zeros(n);
     let fill = |k: usize, rows: &mut [f64], (): &mut ()| {
@@ -317,10 +322,11 @@ pub fn mean_over_ensemble(n: usize, trees: &[(Vec<u32>, MeetingProbabilities)], 
             let mut p = vec![0.0; meet.pieces.region_count()];
             for (a, row) in chunk_range(n, SUPERFACES_PER_CHUNK, k).zip(rows.chunks_exact_mut(n)) {
                 meet.put_row(label[a], &mut p);
+                p.iter_mut().for_each(|p| *p = how.term(*p));
                 row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += p[b as usize]);
             }
         }
-        rows.iter_mut().for_each(|x| *x *= share);
+        rows.iter_mut().for_each(|x| *x = how.probability(*x * share));
         Ok(())
     };
     run.fill_chunks(mean.values_mut(), SUPERFACES_PER_CHUNK * n, || (), fill)?;

@@ -18,10 +18,6 @@ use super::regions::Regions;
 use crate::spectral::exp::exp_signed;
 use std::borrow::Cow;
 
-/// Log odds beyond ± this value have no further effect on the order. Those of regions in one plane are extreme, since
-/// the trees know no flat plates; without a bound, plates lost their arms.
-const ODDS_CLIP: f64 = 2.0;
-
 /// Determines the order of merges and their probabilities. The decision uses the default, simpler ones
 /// [`MergeModel::by_cost`]; others are for fitting (`tools/fit`).
 #[derive(Clone, Debug, PartialEq)]
@@ -33,8 +29,40 @@ pub struct MergeModel {
     /// Exponent of the odds in the order of merges, which is that of cost · odds^this. With 0, odds are computed only
     /// where regions merge.
     pub odds_power: f64,
+    /// Log odds beyond ± this value have no further effect on the order. Those of regions in one plane are extreme,
+    /// since the trees know no flat plates; without a bound, plates lost their arms.
+    pub odds_bound: f64,
+    /// How an ensemble combines the probabilities of its over-segmentations.
+    pub mean: EnsembleMean,
     /// Log odds that people keep two regions together, of the [`merge_features`].
     pub odds: Cow<'static, BoostedTrees>,
+}
+
+/// How an ensemble combines the probabilities of its over-segmentations that two superfaces belong together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum EnsembleMean {
+    /// Their mean.
+    Probabilities,
+    /// The probability at the mean of their log odds, each between ± this bound. A single sure one counts for less.
+    LogOdds(f64),
+}
+
+impl EnsembleMean {
+    /// What is averaged, for the probability `p`.
+    pub fn term(self, p: f64) -> f64 {
+        match self {
+            EnsembleMean::Probabilities => p,
+            EnsembleMean::LogOdds(bound) => (log(p) - log(1.0 - p)).clamp(-bound, bound),
+        }
+    }
+
+    /// The probability at this `mean` of terms.
+    pub fn probability(self, mean: f64) -> f64 {
+        match self {
+            EnsembleMean::Probabilities => mean,
+            EnsembleMean::LogOdds(_) => 1.0 / (1.0 + exp_signed(-mean)),
+        }
+    }
 }
 
 impl Default for MergeModel {
@@ -43,6 +71,8 @@ impl Default for MergeModel {
             area_power: 0.75,
             convexity_power: 3.0,
             odds_power: 0.25,
+            odds_bound: 2.0,
+            mean: EnsembleMean::Probabilities,
             odds: Cow::Borrowed(BoostedTrees::fitted()),
         }
     }
@@ -69,7 +99,7 @@ impl MergeModel {
             return cost;
         }
         let log_odds = self.odds.log_odds(&merge_features(r, i, j, cost));
-        cost + self.odds_power * log_odds.clamp(-ODDS_CLIP, ODDS_CLIP)
+        cost + self.odds_power * log_odds.clamp(-self.odds_bound, self.odds_bound)
     }
 
     /// Probability that people keep two regions with these [`merge_features`] in one part.
@@ -195,6 +225,23 @@ mod tests {
     use crate::cluster::parts::regions::{RegionLabels, cell_moments};
     use crate::spectral::anchor::AnchorEmbedding;
     use crate::store::Run;
+
+    #[test]
+    fn log_odds_are_averaged_within_their_bound() {
+        let of = |how: EnsembleMean, p: &[f64]| {
+            how.probability(p.iter().map(|&p| how.term(p)).sum::<f64>() / p.len() as f64)
+        };
+        let how = EnsembleMean::LogOdds(3.0);
+        for p in [0.06, 0.3, 0.5, 0.94] {
+            assert!((of(how, &[p; 3]) - p).abs() < 1e-12);
+        }
+        // √(p q / ((1 − p) (1 − q))) are the odds of the mean of two.
+        let odds = (0.8f64 * 0.3 / (0.2 * 0.7)).sqrt();
+        assert!((of(how, &[0.8, 0.3]) - odds / (1.0 + odds)).abs() < 1e-12);
+        let most = 1.0 / (1.0 + (-3f64).exp());
+        assert!((of(how, &[1.0, 1.0]) - most).abs() < 1e-12 && (of(how, &[0.0]) - (1.0 - most)).abs() < 1e-12);
+        assert_eq!(of(EnsembleMean::Probabilities, &[1.0, 0.0, 0.5]), 0.5);
+    }
 
     /// Regression: thousands of loose pieces took two gigabytes, since sums were stored for all pairs of their regions.
     #[test]
