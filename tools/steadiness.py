@@ -141,7 +141,9 @@ def main():
             text = [f"{x:6.4f}" for x in columns]
             text[2:2] = [f"{cuts.seconds:8.2f}", f"{cuts.processor:8.2f}"]
             print(f"{os.path.basename(mesh)[:28]:28} {' '.join(text)}  {parts}", flush=True)
-    print(f"{'mean':28} " + " ".join(f"{x:6.4f}" for x in np.nanmean(means, axis=0)))
+    # Without `--against` or true parts a column has no figures.
+    known = [[x for x in column if not np.isnan(x)] or [np.nan] for column in zip(*means)]
+    print(f"{'mean':28} " + " ".join(f"{np.mean(column):6.4f}" for column in known))
 
 
 if __name__ == "__main__":
