@@ -5,12 +5,10 @@ tools/fit/boost.py -o FOLDER EXAMPLES.npy... [--copies COPIES.npy...] [--copy-we
 
 EXAMPLES.npy comes from `cargo run --release -p nystrom-stream-tools --bin fit -- BENCHMARK --examples EXAMPLES.npy --seeds 4`,
 COPIES.npy from the same with the benchmark that tools/fit/decimated.py makes: the same models in other triangles, which count half
-(--copy-weight).
-Several files of either have the same models merged in other orders (`--odds-power`), and share that weight. FOLDER gets all.json,
-fitted to all models, half-0.json and half-1.json, for judging one half of each category by the other, and fold-0.json to
-fold-4.json, for judging categories by four fifths of them. With --categories, also category-0.json, category-1.json, …, each
-fitted to all categories but that one. Needs LightGBM and NumPy; one thread, so that the same examples give the same
-trees.
+(--copy-weight). Several files of either have the same models merged in other orders (`--odds-power`), and share that weight. FOLDER
+gets all.json, fitted to all models, half-0.json and half-1.json, for judging one half of each category by the other, and fold-0.json
+to fold-4.json, for judging categories by four fifths of them. With --categories, also category-0.json, category-1.json, …, each
+fitted to all categories but that one. Needs LightGBM and NumPy; one thread, so that the same examples give the same trees.
 """
 
 import argparse

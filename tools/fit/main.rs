@@ -10,8 +10,9 @@
 //!
 //! BENCHMARK holds `N.ply`, people's `N_j.seg` and `models.tsv` with the columns model, category and parts. Scores are the
 //! mean 1 − Rand index of the parts on cells, without the last front: with trees fitted to all models, to the other half of
-//! them (odd or even places in the category), to the other four fifths of the categories, and to all other categories. A second of one core per model
-//! and seed, half of that with the cache that the first run filled (some 8 MB per model and seed).
+//! them (odd or even places in the category), to the other four fifths of the categories, and to all other categories. A
+//! second of one core per model and seed, half of that with the cache that the first run filled (some 8 MB per model and
+//! seed).
 
 mod data;
 mod trees;

@@ -305,7 +305,7 @@ impl MeetingProbabilities {
 }
 
 /// C of `n` superfaces, given the region of each superface in every over-segmentation and the probabilities that two
-/// regions belong together.
+/// regions belong together, which are combined as `how` says.
 ///
 /// # Errors
 /// Cancellation.

@@ -43,7 +43,8 @@ pub struct MergeModel {
 pub enum EnsembleMean {
     /// Their mean.
     Probabilities,
-    /// The probability at the mean of their log odds, each between ± this bound. A single sure one counts for less.
+    /// The probability at the mean of their log odds, each between ± this bound (at most 13.8, since probabilities
+    /// count from 10⁻⁶ on). A single sure one counts for less.
     LogOdds(f64),
 }
 
