@@ -56,6 +56,12 @@ pub fn exp_signed(x: f64) -> f64 {
     if x > 0. { 1. / exp64(-x) } else { exp64(x) }
 }
 
+/// The probability with these log odds: 1 / (1 + exp(−x)).
+#[inline]
+pub fn logistic(log_odds: f64) -> f64 {
+    1. / (1. + exp_signed(-log_odds))
+}
+
 /// 1/13!, 1/12!, …, 1/2!.
 const FACTORS: [f64; 12] = {
     let mut factors = [0.5; 12];

@@ -92,9 +92,9 @@ impl Arguments {
         Ok(self.model(Cow::Owned(odds)))
     }
 
-    /// Those of `folder` that were fitted to the other four fifths of the categories.
-    fn folds(&self, folder: &Path) -> Result<Vec<MergeModel>> {
-        (0..FOLDS).map(|k| self.read(folder, &format!("fold-{k}.json"))).collect()
+    /// Those of the `count` divisions that `boost.py` calls `name`, each fitted to the models outside of one of them.
+    fn divisions(&self, folder: &Path, name: &str, count: usize) -> Result<Vec<MergeModel>> {
+        (0..count).map(|k| self.read(folder, &format!("{name}-{k}.json"))).collect()
     }
 }
 
@@ -170,7 +170,7 @@ fn fit(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.examples {
         let all = match &arguments.order {
             Some(folder) => {
-                let folds = arguments.folds(folder)?;
+                let folds = arguments.divisions(folder, "fold", FOLDS)?;
                 grown(arguments, &models, |m| &folds[m.category % FOLDS], &run)?
             }
             None => grown(arguments, &models, |_| &now, &run)?,
@@ -181,16 +181,15 @@ fn fit(arguments: &Arguments) -> Result<()> {
     let Some(folder) = &arguments.judge else { return judge("in use", arguments, &models, |_| &now, &run) };
     let whole = arguments.read(folder, "all.json")?;
     judge("all", arguments, &models, |_| &whole, &run)?;
-    let halves = (0..2).map(|k| arguments.read(folder, &format!("half-{k}.json"))).collect::<Result<Vec<_>>>()?;
+    let halves = arguments.divisions(folder, "half", 2)?;
     judge("the other half", arguments, &models, |m| &halves[m.position % 2], &run)?;
-    let folds = arguments.folds(folder)?;
+    let folds = arguments.divisions(folder, "fold", FOLDS)?;
     judge("other categories", arguments, &models, |m| &folds[m.category % FOLDS], &run)?;
     if !folder.join("category-0.json").exists() {
         return Ok(());
     }
     let categories = models.iter().map(|m| m.category + 1).max().unwrap_or(0);
-    let each = (0..categories).map(|k| arguments.read(folder, &format!("category-{k}.json")));
-    let each = each.collect::<Result<Vec<_>>>()?;
+    let each = arguments.divisions(folder, "category", categories)?;
     judge("all other categories", arguments, &models, |m| &each[m.category], &run)
 }
 

@@ -16,7 +16,7 @@ use super::cell_graph::class_sums;
 use super::ensemble::Superfaces;
 use super::hierarchy::PartTree;
 use super::matrix::Square;
-use crate::spectral::exp::exp_signed;
+use crate::spectral::exp::{exp_signed, logistic};
 use libm::log as ln;
 
 /// Below this share a part is uncertain: most people would not have it.
@@ -34,8 +34,7 @@ const WIDTHS: [f64; 2] = [1e-3, 1.];
 /// area over the length of its boundary with other parts, in units of the square root of the total area.
 pub fn expected(confidence: f64, width: f64) -> f64 {
     let [constant, sure, wide] = FITTED;
-    let odds = constant + sure * confidence + wide * ln(width.clamp(WIDTHS[0], WIDTHS[1]));
-    1. / (1. + exp_signed(-odds))
+    logistic(constant + sure * confidence + wide * ln(width.clamp(WIDTHS[0], WIDTHS[1])))
 }
 
 /// The share of pairs of points, 0 to 1, on which a person is expected to differ, given the ensemble's own estimate

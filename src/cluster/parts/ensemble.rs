@@ -295,12 +295,12 @@ pub struct MeetingProbabilities {
 }
 
 impl MeetingProbabilities {
-    /// Writes the probabilities of `region` with each other one to `row` (regions).
-    fn put_row(&self, region: u32, row: &mut [f64]) {
+    /// Writes what `how` averages of the probabilities of `region` with each other one to `row` (regions).
+    fn put_row(&self, region: u32, how: EnsembleMean, row: &mut [f64]) {
         let (piece, place) = self.pieces.place(region);
-        row.fill(0.0);
+        row.fill(how.term(0.0));
         let values = self.blocks[piece].row(place);
-        self.pieces.regions(piece).iter().zip(values).for_each(|(&other, &p)| row[other as usize] = p);
+        self.pieces.regions(piece).iter().zip(values).for_each(|(&other, &p)| row[other as usize] = how.term(p));
     }
 }
 
@@ -319,11 +319,10 @@ pub fn mean_over_ensemble(
     let mut mean = Square::zeros(n);
     let fill = |k: usize, rows: &mut [f64], (): &mut ()| {
         for (label, meet) in trees {
-            let mut p = vec![0.0; meet.pieces.region_count()];
+            let mut terms = vec![0.0; meet.pieces.region_count()];
             for (a, row) in chunk_range(n, SUPERFACES_PER_CHUNK, k).zip(rows.chunks_exact_mut(n)) {
-                meet.put_row(label[a], &mut p);
-                p.iter_mut().for_each(|p| *p = how.term(*p));
-                row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += p[b as usize]);
+                meet.put_row(label[a], how, &mut terms);
+                row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += terms[b as usize]);
             }
         }
         rows.iter_mut().for_each(|x| *x = how.probability(*x * share));

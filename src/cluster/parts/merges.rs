@@ -15,7 +15,7 @@ use super::matrix::Square;
 use super::merge_features::{FEATURES, log, merge_features};
 use super::merge_odds::BoostedTrees;
 use super::regions::Regions;
-use crate::spectral::exp::exp_signed;
+use crate::spectral::exp::logistic;
 use std::borrow::Cow;
 
 /// Determines the order of merges and their probabilities. The decision uses the default, simpler ones
@@ -61,7 +61,7 @@ impl EnsembleMean {
     pub fn probability(self, mean: f64) -> f64 {
         match self {
             EnsembleMean::Probabilities => mean,
-            EnsembleMean::LogOdds(_) => 1.0 / (1.0 + exp_signed(-mean)),
+            EnsembleMean::LogOdds(_) => logistic(mean),
         }
     }
 }
@@ -105,7 +105,7 @@ impl MergeModel {
 
     /// Probability that people keep two regions with these [`merge_features`] in one part.
     pub fn probability(&self, features: &[f64; FEATURES]) -> f64 {
-        1.0 / (1.0 + exp_signed(-self.odds.log_odds(features)))
+        logistic(self.odds.log_odds(features))
     }
 }
 
