@@ -93,7 +93,8 @@ impl PartsReport {
     /// Whether the surface has parts, of these `area`s, that people would agree on; `None` if that is unknown. A
     /// surface of one part has not.
     pub fn has_clear_parts(&self, area: &[f64]) -> Option<bool> {
-        self.mean_agreement(area).map(|mean| mean >= agreement::UNCLEAR && self.expected_agreement.len() > 1)
+        let several = self.expected_agreement.len() > 1;
+        self.mean_agreement(area).map(|mean| several && agreement::is_clear(mean, self.expected_disagreement))
     }
 }
 

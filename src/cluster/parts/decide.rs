@@ -31,13 +31,14 @@ use crate::store::run::Run;
 /// use nystrom_stream::store::Run;
 ///
 /// # fn main() -> nystrom_stream::base::Result<()> {
-/// // A strip of 24 cells with a crease in the middle, and their distances from every fourth.
+/// // A strip of 24 cells that turns upwards at a crease in the middle, and their distances from every fourth.
 /// let step = |i: u32| if i == 12 { 2. } else { 0.2 };
+/// let along = |i: u32| 0.2 * f64::from(i) - 2.3;
 /// let cells = CellGraph {
 ///     seed: (0..24).collect(),
 ///     area: vec![1. / 24.; 24],
-///     centre: (0..24).map(|i| [0.2 * f64::from(i), 0., 0.]).collect(),
-///     normal: vec![[0., 0., 1.]; 24],
+///     centre: (0..24).map(|i| [along(i).min(0.), 0., along(i).max(0.)]).collect(),
+///     normal: (0..24).map(|i| if i < 12 { [0., 0., 1.] } else { [-1., 0., 0.] }).collect(),
 ///     pairs: (1..24).map(|i| [i - 1, i]).collect(),
 ///     length: vec![0.2; 23],
 ///     concave: (1..24).map(|i| step(i) - 0.2).collect(),

@@ -2,9 +2,9 @@
 //!
 //! One over-segmentation consists of an anchor embedding, K-means, connected pieces, and islands joined to their
 //! neighbours. The intersections of all of them are the superfaces, a few hundred. Each over-segmentation is merged
-//! down to one part ([`super::merges`]), which gives a probability for any two superfaces; the mean over the ensemble
-//! is the co-association, R × R. A single run would depend on the randomness of its K-means; twelve agree far better
-//! with people.
+//! down to one part ([`super::merges`]), which gives a probability for any two superfaces; that at the mean of their
+//! log odds is the co-association, R × R. A single run would depend on the randomness of its K-means; twelve agree far
+//! better with people.
 //!
 //! Cost: constant in the size of the mesh; 8 R² bytes.
 
@@ -252,8 +252,8 @@ impl Superfaces {
     }
 }
 
-/// C (R × R): for two superfaces the mean over the ensemble of the probability at their lowest common merge, 1 if an
-/// over-segmentation has them in one region, 0 if its tree never joins them.
+/// C (R × R): for two superfaces the mean over the ensemble, as [`MergeModel::mean`] says, of the probability at their
+/// lowest common merge, 1 if an over-segmentation has them in one region, 0 if its tree never joins them.
 ///
 /// # Errors
 /// Cancellation.
@@ -315,7 +315,7 @@ pub fn mean_over_ensemble(
     how: EnsembleMean,
     run: &Run,
 ) -> Result<Square> {
-    let share = 1.0 / trees.len().max(1) as f64;
+    let count = trees.len().max(1) as f64;
     let mut mean = Square::zeros(n);
     let fill = |k: usize, rows: &mut [f64], (): &mut ()| {
         for (label, meet) in trees {
@@ -325,7 +325,7 @@ pub fn mean_over_ensemble(
                 row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += terms[b as usize]);
             }
         }
-        rows.iter_mut().for_each(|x| *x = how.probability(*x * share));
+        rows.iter_mut().for_each(|x| *x = how.probability(*x / count));
         Ok(())
     };
     run.fill_chunks(mean.values_mut(), SUPERFACES_PER_CHUNK * n, || (), fill)?;

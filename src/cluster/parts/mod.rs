@@ -9,7 +9,7 @@
 //!   keep the two sides together ([`merge_odds`]), from sums over [`regions`], [`convexity`] and [`thickness`], in
 //!   units of the shape without its [`folding`]. Regions of flat [`plates`] and sheets are compared after their
 //!   [`inflation`].
-//! - The mean over the ensemble is the co-association: a probability for any two [`Superfaces`].
+//! - Its mean over the ensemble, by log odds, is the co-association: a probability for any two [`Superfaces`].
 //! - If the surface is its own mirror image, or a posed body is symmetric along its surface, both sides are decided
 //!   alike ([`symmetry`]).
 //! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches, and a whole
