@@ -66,9 +66,9 @@ struct Arguments {
     /// Greatest log odds that count in the order of merges.
     #[arg(long, default_value_t = MergeModel::default().odds_bound)]
     odds_bound: f64,
-    /// Average log odds over the ensemble, each between ± this value, instead of probabilities.
-    #[arg(long, value_name = "BOUND")]
-    mean_log_odds: Option<f64>,
+    /// Log odds are averaged over the ensemble, each between ± this value; 0 averages probabilities.
+    #[arg(long, value_name = "BOUND", default_value_t = 3.0)]
+    mean_log_odds: f64,
     /// The odds that order the merges of the examples: those in this folder that were fitted to other categories, instead of
     /// those in use.
     #[arg(long)]
@@ -79,7 +79,8 @@ impl Arguments {
     /// The model of merges with these exponents and `odds`.
     fn model(&self, odds: Cow<'static, BoostedTrees>) -> MergeModel {
         let Self { area_power, convexity_power, odds_power, odds_bound, .. } = *self;
-        let mean = self.mean_log_odds.map_or(EnsembleMean::Probabilities, EnsembleMean::LogOdds);
+        let bound = self.mean_log_odds;
+        let mean = if bound == 0.0 { EnsembleMean::Probabilities } else { EnsembleMean::LogOdds(bound) };
         MergeModel { area_power, convexity_power, odds_power, odds_bound, mean, odds }
     }
 

@@ -43,7 +43,7 @@ pub enum EnsembleMean {
     /// Their mean.
     Probabilities,
     /// The probability at the mean of their log odds, each between ± this bound (at most 13.8, since probabilities
-    /// count from 10⁻⁶ on), stretched to be 0 and 1 where all are at a bound. A single sure one counts for less.
+    /// count from 10⁻⁶ on), stretched to be 0 and 1 where all are at a bound. Doubtful ones count for less.
     LogOdds(f64),
 }
 
