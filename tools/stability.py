@@ -28,7 +28,7 @@ VARIANTS = {
     "quartered and noise 15 %": ["--times", "2", "--noise", "0.15"],
     "noise 5 %": ["--noise", "0.05"],
     "noise 15 %": ["--noise", "0.15"],
-    "turned, rescaled": ["--turn", "40", "--scale", "37"],
+    "turned and rescaled": ["--turn", "40", "--scale", "37"],
     "shuffled": ["--shuffle"],
     "decimated": None,
 }

@@ -118,6 +118,12 @@ mod tests {
     }
 
     #[test]
+    fn terrain_is_unclear_and_plates_and_bodies_are_not() {
+        // A mountain, a flat starfish and a dragon: mean share of people, and expected disagreement.
+        assert_eq!([(0.709, 0.179), (0.729, 0.346), (0.565, 0.133)].map(|(a, b)| is_clear(a, b)), [false, true, true]);
+    }
+
+    #[test]
     fn narrow_and_doubtful_parts_are_expected_of_fewer_people() {
         assert!(expected(0.9, 0.4) > 0.9 && expected(0.2, 0.05) < 0.2);
         assert!(expected(0.5, 0.3) > expected(0.4, 0.3) && expected(0.5, 0.3) > expected(0.5, 0.1));
