@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Fits the trees that say how probably people keep two regions in one part (src/cluster/parts/merge_odds.rs).
 
-tools/fit/boost.py -o FOLDER EXAMPLES.npy... [--copies COPIES.npy...] [--copy-weight .5] [--categories]
+tools/fit/boost.py -o FOLDER EXAMPLES.npy... [--copies COPIES.npy...] [--copy-weight .2] [--categories]
 
 EXAMPLES.npy comes from `cargo run --release -p nystrom-stream-tools --bin fit -- BENCHMARK --examples EXAMPLES.npy --seeds 4`,
-COPIES.npy from the same with the benchmark that tools/fit/decimated.py makes: the same models in other triangles, which count half
+COPIES.npy from the same with the benchmark that tools/fit/decimated.py makes: the same models in other triangles, which count a fifth
 (--copy-weight). Several files of either have the same models merged in other orders (`--odds-power`), and share that weight. FOLDER
 gets all.json, fitted to all models, half-0.json and half-1.json, for judging one half of each category by the other, and fold-0.json
 to fold-4.json, for judging categories by four fifths of them. With --categories, also category-0.json, category-1.json, …, each
@@ -20,7 +20,7 @@ import numpy as np
 
 KEYS = 6  # model, category, position, seed, share of people who join, pairs
 DEPTH, ROUNDS = 3, 300
-COPY = 0.5  # weight of a copy
+COPY = 0.2  # weight of a copy
 POWER = 0.6  # of the pairs in the weight of a merge
 PARAMS = {
     "objective": "cross_entropy",
@@ -81,7 +81,7 @@ def main():
     weights = [1 / len(args.examples)] * len(args.examples) + [args.copy_weight / len(args.copies) for _ in args.copies]
     share = np.repeat(weights, [len(table) for table in tables])
     category, position = examples[:, 1].astype(int), examples[:, 2].astype(int)
-    together, pairs, features = examples[:, 4], examples[:, 5], examples[:, KEYS:]
+    together, pairs, features = examples[:, 4].astype(float), examples[:, 5].astype(float), examples[:, KEYS:]
     wanted = {"all": np.ones(len(examples), bool)}
     wanted |= {f"half-{k}": position % 2 != k for k in range(2)}
     wanted |= {f"fold-{k}": category % 5 != k for k in range(5)}
