@@ -66,9 +66,9 @@ struct Arguments {
     /// Greatest log odds that count in the order of merges.
     #[arg(long, default_value_t = MergeModel::default().odds_bound)]
     odds_bound: f64,
-    /// Log odds are averaged over the ensemble, each between ± this value; 0 averages probabilities.
-    #[arg(long, value_name = "BOUND", default_value_t = 3.0)]
-    mean_log_odds: f64,
+    /// Log odds are averaged over the ensemble, each between ± this value; 0 averages probabilities [default: as in use].
+    #[arg(long, value_name = "BOUND")]
+    mean_log_odds: Option<f64>,
     /// The odds that order the merges of the examples: those in this folder that were fitted to other categories, instead of
     /// those in use.
     #[arg(long)]
@@ -79,8 +79,11 @@ impl Arguments {
     /// The model of merges with these exponents and `odds`.
     fn model(&self, odds: Cow<'static, BoostedTrees>) -> MergeModel {
         let Self { area_power, convexity_power, odds_power, odds_bound, .. } = *self;
-        let bound = self.mean_log_odds;
-        let mean = if bound == 0.0 { EnsembleMean::Probabilities } else { EnsembleMean::LogOdds(bound) };
+        let mean = match self.mean_log_odds {
+            None => MergeModel::default().mean,
+            Some(0.0) => EnsembleMean::Probabilities,
+            Some(bound) => EnsembleMean::LogOdds(bound),
+        };
         MergeModel { area_power, convexity_power, odds_power, odds_bound, mean, odds }
     }
 

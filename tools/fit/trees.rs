@@ -71,8 +71,8 @@ impl Trees {
             let blocks = vec![meeting_probability(tree.regions, &tree.merges)];
             (tree.region.clone(), MeetingProbabilities { pieces: RegionPieces::whole(tree.regions), blocks })
         };
-        let trees: Vec<_> = self.trees.iter().map(meet).collect();
-        let together = mean_over_ensemble(self.superfaces.len(), &trees, self.mean, &run)?;
+        let trees = self.trees.iter().map(meet).collect();
+        let together = mean_over_ensemble(self.superfaces.len(), trees, self.mean, &run)?;
         let best = best_labelling(&self.superfaces.area, &together);
         let small_part = PartsParams::default().small_part;
         let tree = soft_hierarchy(&self.cells, &self.superfaces, &together, &best, None, small_part, &run)?;

@@ -278,7 +278,7 @@ pub fn co_association(
             Ok((measured.superfaces.labels(&m.region), MeetingProbabilities { pieces, blocks }))
         },
     )?;
-    let c = mean_over_ensemble(measured.superfaces.len(), &trees, model.mean, run)?;
+    let c = mean_over_ensemble(measured.superfaces.len(), trees, model.mean, run)?;
     Ok(match &measured.inflated {
         Some(shape) => shape.sides_as_one(cells, &measured.superfaces.of_cell, c),
         None => c,
@@ -295,12 +295,12 @@ pub struct MeetingProbabilities {
 }
 
 impl MeetingProbabilities {
-    /// Writes what `how` averages of the probabilities of `region` with each other one to `row` (regions).
-    fn put_row(&self, region: u32, how: EnsembleMean, row: &mut [f64]) {
+    /// Writes the values of `region` with each other one to `row` (regions): `apart` with those of different pieces.
+    fn put_row(&self, region: u32, apart: f64, row: &mut [f64]) {
         let (piece, place) = self.pieces.place(region);
-        row.fill(how.term(0.0));
+        row.fill(apart);
         let values = self.blocks[piece].row(place);
-        self.pieces.regions(piece).iter().zip(values).for_each(|(&other, &p)| row[other as usize] = how.term(p));
+        self.pieces.regions(piece).iter().zip(values).for_each(|(&other, &value)| row[other as usize] = value);
     }
 }
 
@@ -311,17 +311,21 @@ impl MeetingProbabilities {
 /// Cancellation.
 pub fn mean_over_ensemble(
     n: usize,
-    trees: &[(Vec<u32>, MeetingProbabilities)],
+    mut trees: Vec<(Vec<u32>, MeetingProbabilities)>,
     how: EnsembleMean,
     run: &Run,
 ) -> Result<Square> {
+    // There are far fewer regions than superfaces.
+    let blocks = trees.iter_mut().flat_map(|(_, meet)| &mut meet.blocks);
+    blocks.flat_map(|block| block.values_mut()).for_each(|p| *p = how.term(*p));
+    let apart = how.term(0.0);
     let count = trees.len().max(1) as f64;
     let mut mean = Square::zeros(n);
     let fill = |k: usize, rows: &mut [f64], (): &mut ()| {
-        for (label, meet) in trees {
+        for (label, meet) in &trees {
             let mut terms = vec![0.0; meet.pieces.region_count()];
             for (a, row) in chunk_range(n, SUPERFACES_PER_CHUNK, k).zip(rows.chunks_exact_mut(n)) {
-                meet.put_row(label[a], how, &mut terms);
+                meet.put_row(label[a], apart, &mut terms);
                 row.iter_mut().zip(label).for_each(|(sum, &b)| *sum += terms[b as usize]);
             }
         }
