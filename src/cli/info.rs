@@ -177,6 +177,7 @@ fn measured(m: &MeshMeasures) -> String {
         (m.welded_edges, "welded", "edges at the same position as another, as at texture seams"),
         (m.unoriented_edges, "unoriented", "edges without a consistent winding"),
         (m.stray_vertices, "strays", "vertices far outside the rest"),
+        (m.duplicate_faces, "duplicates", "faces exactly where another one lies, not counted in the area"),
     ];
     rows.extend(odd.iter().filter(|(n, ..)| *n > 0).map(|(n, name, what)| (*name, format!("{n} {what}"))));
     rows.iter().map(|(name, value)| format!("{name:14}{value}\n")).collect()

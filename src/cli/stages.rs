@@ -353,9 +353,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
         names.give(&mut result.names, result.colours.len())?;
         labels::keep(&result, context)?;
     }
-    if let Some(note) = result.graph.note(&record.mesh) {
-        run.progress.note(&note);
-    }
+    result.graph.notes(&record.mesh).iter().for_each(|note| run.progress.note(note));
     let report = || {
         let peak = Some((app.peak)());
         Report::new(&record.mesh, &params, &result, context, bars.log(), peak)

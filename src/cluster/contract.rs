@@ -337,12 +337,13 @@ fn assemble(
         nodes: nodes.len() as u64,
         edges: borders.len() as u64,
         components: 1,
+        duplicate_faces: 0,
         bridges: 0,
         area: nodes.iter().map(|node| f64::from(node.area)).sum(),
         ..graph.facts.clone()
     };
     let nodes = inner.write(nodes::FILE, &nodes, 7)?.into();
-    Ok((DualGraph { edges, nodes, components: None, facts, key }, weighted))
+    Ok((DualGraph { edges, nodes, components: None, duplicates: None, facts, key }, weighted))
 }
 
 #[cfg(test)]

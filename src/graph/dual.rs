@@ -10,6 +10,7 @@ use super::bridges::{self, find_bridges};
 use super::components::{self, find_components};
 use super::csr::{INDICES, WEIGHTS, WEIGHTS_STAGE, WeightedGraph};
 use super::dual_edges::{Assembled, CENTROID_DISTANCES, DualEdges, EDGES, assemble};
+use super::duplicates::{self, Evidence};
 use super::frame::Frame;
 use super::half_edge_pairs::{OPPOSITE_WINDING, WithinNeeds};
 use super::node_blocks::NodeBlocks;
@@ -48,6 +49,8 @@ pub struct GraphFacts {
     pub welded_edges: u64,
     /// Faces without area or with a non-finite coordinate.
     pub degenerate_faces: u64,
+    /// Faces that lie exactly where an earlier face lies, in either winding. They count as having no area.
+    pub duplicate_faces: u64,
     /// Those among them with a non-finite coordinate.
     pub nonfinite_faces: u64,
     /// Vertices far outside the rest, which were moved to the mean of their neighbours.
@@ -67,12 +70,22 @@ pub struct GraphFacts {
 }
 
 impl GraphFacts {
-    /// The note about faces without a position in the file `path`, if there are any.
-    pub fn note(&self, path: &Path) -> Option<String> {
-        let verb = if self.nonfinite_faces == 1 { "face has a corner" } else { "faces have corners" };
-        let why = "whose coordinates are not finite numbers: treated as having no area, and labelled like the faces \
-                   around";
-        (self.nonfinite_faces > 0).then(|| format!("{}: {} {verb} {why}", path.display(), self.nonfinite_faces))
+    /// Notes about oddities of the file `path`: faces without a position, faces in the place of another one.
+    pub fn notes(&self, path: &Path) -> Vec<String> {
+        let Self { nonfinite_faces: nonfinite, duplicate_faces: duplicate, .. } = *self;
+        let mut notes = Vec::new();
+        if nonfinite > 0 {
+            let verb = if nonfinite == 1 { "face has a corner" } else { "faces have corners" };
+            let why = "whose coordinates are not finite numbers: treated as having no area, and labelled like the faces \
+                       around";
+            notes.push(format!("{}: {nonfinite} {verb} {why}", path.display()));
+        }
+        if duplicate > 0 {
+            let verb = if duplicate == 1 { "face lies" } else { "faces lie" };
+            let why = "exactly where another one lies: treated as having no area, and labelled like it";
+            notes.push(format!("{}: {duplicate} {verb} {why}", path.display()));
+        }
+        notes
     }
 }
 
@@ -86,6 +99,8 @@ pub struct DualGraph {
     /// For each node the first node of its component before bridging, with the top bit set where its winding
     /// contradicts; `None` if there is only one component.
     pub components: Option<MappedSlice<u32>>,
+    /// For each node 1 + the node whose duplicate it is, 0 for all others; `None` without duplicates.
+    pub duplicates: Option<MappedSlice<u32>>,
     /// Counts and sums.
     pub facts: GraphFacts,
     /// Key of the stage, for stages built on it.
@@ -139,9 +154,7 @@ impl DualGraph {
     fn build_noting(stage: GraphStage<'_>, context: Context<'_>) -> Result<Self> {
         let path = stage.path;
         let graph = context.stage(stage)?;
-        if let Some(note) = graph.facts.note(path) {
-            context.run.progress.note(&note);
-        }
+        graph.facts.notes(path).iter().for_each(|note| context.run.progress.note(note));
         Ok(graph)
     }
 
@@ -188,17 +201,42 @@ impl DualGraph {
         let (blocks, geometry) = run_concurrently(context.run.threads, || NodeBlocks::of(mesh, context), geometry)?;
         let (frame, nodes, sums) = geometry?;
         let (pairs, counts) = half_edges::matched(mesh, path, blocks?, context)?;
+        let two_sided = |evidence: Evidence<'_>| match mesh.duplicates() {
+            None => duplicates::with_duplicates(mesh, evidence, context),
+            Some(_) => Ok(None),
+        };
+        // Edges to duplicates do not follow from two faces alone.
+        let again = |mesh: &Mesh| Self::make(&GraphStage { mesh, computed: false, ..*stage }, context, key.clone());
+        // Within blocks, edges are counted only when pairs are taken.
+        if !pairs.finds_within()
+            && let Some(mesh) = two_sided(Evidence::Sides(counts.duplicates))?
+        {
+            drop((pairs, nodes));
+            return again(&mesh);
+        }
         let assembled = match assemble_in_memory(mesh, &frame, &nodes, &pairs, context)? {
             None => assemble(mesh, &frame, &nodes, &pairs, context)?,
             Some(edges) => Some(Assembled { edges, whole: None, joined: None }),
         };
-        let nonmanifold_edges = counts.nonmanifold + pairs.nonmanifold_within();
+        let mut nonmanifold_edges = counts.nonmanifold;
+        let within = pairs.nonmanifold_within().map(|within| (within.edges(), within.duplicate_sides()));
         drop(pairs);
+        if let Some((edges, sides)) = within {
+            nonmanifold_edges += edges;
+            if let Some(mesh) = two_sided(Evidence::Sides(counts.duplicates.and(sides)))? {
+                drop((assembled, nodes));
+                return again(&mesh);
+            }
+        }
         // Too many edges cannot be computed from two faces alone: store all edges instead.
         let Some(Assembled { edges, whole, joined }) = assembled else {
             return Self::make(&GraphStage { computed: false, ..*stage }, context, key);
         };
         let components = find_components(&edges, &nodes, joined, context)?;
+        if let Some(mesh) = two_sided(Evidence::Components(&components))? {
+            drop((components, edges, nodes));
+            return again(&mesh);
+        }
         let Oriented { mut edges, nodes, facts: orientation, sums } =
             orient(edges, nodes, sums, whole, &components, context)?;
         let bridges = find_bridges(&components, &nodes, 0., context)?;
@@ -213,6 +251,7 @@ impl DualGraph {
             nonmanifold_edges,
             welded_edges: counts.welded,
             degenerate_faces: sums.degenerate,
+            duplicate_faces: mesh.duplicate_count(),
             nonfinite_faces: sums.nonfinite,
             stray_vertices: mesh.strays() as u64,
             flipped_faces: orientation.flipped,
@@ -229,7 +268,8 @@ impl DualGraph {
             context.work.remove(components::FILE);
             None
         };
-        Ok(Self { edges, nodes, components, facts, key })
+        let duplicates = mesh.duplicates().cloned();
+        Ok(Self { edges, nodes, components, duplicates, facts, key })
     }
 
     /// Opens the arrays of a finished graph, its row starts in `form`.
@@ -248,7 +288,9 @@ impl DualGraph {
         {
             return Err(work.damaged(components::FILE, format!("has indices that are not below {n}")));
         }
-        Ok(Self { edges, nodes: nodes.into(), components, facts, key })
+        let duplicates =
+            if facts.duplicate_faces > 0 { Some(work.array_of::<u32>(duplicates::FILE, n)?) } else { None };
+        Ok(Self { edges, nodes: nodes.into(), components, duplicates, facts, key })
     }
 
     /// Deletes the step lengths in a temporary `work` once the weights are computed: 12 bytes of disk per triangle.
@@ -298,7 +340,7 @@ pub(crate) struct GraphStage<'a> {
 
 impl Stage for GraphStage<'_> {
     const NAME: &'static str = "graph";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type Facts = GraphFacts;
     type Output = DualGraph;
 
@@ -314,6 +356,9 @@ impl Stage for GraphStage<'_> {
         }
         if graph.components.is_some() {
             files.push(components::FILE);
+        }
+        if graph.duplicates.is_some() {
+            files.push(duplicates::FILE);
         }
         Ok(BuiltStage { facts: graph.facts.clone(), output: graph, files })
     }

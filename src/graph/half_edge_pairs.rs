@@ -9,6 +9,7 @@
 use super::half_edge_block::BlockMatcher;
 use super::half_edge_sort::{HalfEdge, Match};
 use super::node_blocks::{self, NodeBlocks};
+use super::nonmanifold::NonmanifoldEdges;
 use crate::base::Result;
 use crate::base::parallel::lock;
 use crate::base::union_find::PARITY;
@@ -20,7 +21,7 @@ use bytemuck::allocation::zeroed_vec;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// The bit of [`HalfEdgePair::node`] that marks contradicting winding: both faces traverse the edge in the same
 /// direction. Nodes use the other 31 bits: see [`crate::mesh::geometry::MOST_FACES`].
@@ -101,7 +102,7 @@ enum Kind<'a> {
     Within {
         between: Shuffle<HalfEdgePair>,
         corners: usize,
-        nonmanifold: AtomicU64,
+        nonmanifold: NonmanifoldEdges,
         blocks: Option<NodeBlocks<'a>>,
         size: usize,
         _grant: Grant,
@@ -165,7 +166,7 @@ impl<'a> HalfEdgePairs<'a> {
             let file = context.work.file("links.tmp");
             let between = Shuffle::new(&file, blocks.len(), needs.block as usize, grant.bytes() - needs.fixed);
             let size = blocks.nodes_of(0).len();
-            let nonmanifold = AtomicU64::new(0);
+            let nonmanifold = NonmanifoldEdges::default();
             let kind = Kind::Within { between, corners, nonmanifold, blocks: None, size, _grant: grant };
             return Ok(Self { nodes, kind });
         }
@@ -198,8 +199,8 @@ impl<'a> HalfEdgePairs<'a> {
     }
 
     /// Edges of three faces or more that were found within blocks, once all pairs were taken.
-    pub(super) fn nonmanifold_within(&self) -> u64 {
-        if let Kind::Within { nonmanifold, .. } = &self.kind { nonmanifold.load(Relaxed) } else { 0 }
+    pub(super) fn nonmanifold_within(&self) -> Option<&NonmanifoldEdges> {
+        if let Kind::Within { nonmanifold, .. } = &self.kind { Some(nonmanifold) } else { None }
     }
 
     /// Keeps the blocks, if they are needed again.
@@ -276,7 +277,7 @@ impl<'a> HalfEdgePairs<'a> {
                     };
                     let count = |sides: &[HalfEdge], elsewhere: bool| {
                         if !elsewhere {
-                            count_nonmanifold(nonmanifold, sides.len());
+                            nonmanifold.count(mesh, sides.iter().map(|side| side.corner));
                         }
                         Ok(())
                     };
@@ -285,14 +286,6 @@ impl<'a> HalfEdgePairs<'a> {
                 Ok(own.finish())
             }
         }
-    }
-}
-
-/// Counts an edge shared by `sides` half-edges if it is non-manifold: three faces or more.
-#[inline]
-pub(super) fn count_nonmanifold(nonmanifold: &AtomicU64, sides: usize) {
-    if sides > 2 {
-        nonmanifold.fetch_add(1, Relaxed);
     }
 }
 

@@ -131,7 +131,8 @@ pub(super) fn around_the_median(mut sample: Vec<u32>, width: usize) -> (u32, usi
     (first, width.min((u32::MAX - first) as usize))
 }
 
-/// Calls `visit` with the half-edges of the faces of `nodes`; those from a vertex to itself are skipped.
+/// Calls `visit` with the half-edges of the faces of `nodes`; those from a vertex to itself are skipped, and faces that
+/// are known as duplicates.
 pub(super) fn for_each(mesh: &Mesh, nodes: Range<usize>, mut visit: impl FnMut(HalfEdge)) {
     let Ok(()) = try_for_each(mesh, nodes, |half_edge| {
         visit(half_edge);
@@ -147,6 +148,9 @@ pub(super) fn try_for_each<E>(
     mut visit: impl FnMut(HalfEdge) -> Result<(), E>,
 ) -> Result<(), E> {
     mesh.faces.try_for_each(nodes, |face, corners| {
+        if mesh.is_duplicate(face) {
+            return Ok(());
+        }
         let first = mesh.faces.corner_range(face).start;
         for (slot, &a) in corners.iter().enumerate() {
             let b = corners[if slot + 1 == corners.len() { 0 } else { slot + 1 }];

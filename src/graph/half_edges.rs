@@ -19,9 +19,10 @@
 //! much, none for those within blocks, which are matched when they are needed.
 
 use super::half_edge_block::{BlockMatcher, comes_in_pairs};
-use super::half_edge_pairs::{HalfEdgePairs, PairSink, count_nonmanifold};
-use super::half_edge_sort::{self, FaceSide, HalfEdge, Sorter, chain};
+use super::half_edge_pairs::{HalfEdgePairs, PairSink};
+use super::half_edge_sort::{self, FaceSide, HalfEdge, Match, Sorter, chain};
 use super::node_blocks::NodeBlocks;
+use super::nonmanifold::{DuplicateSides, NonmanifoldEdges};
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::mesh::Mesh;
@@ -37,11 +38,13 @@ const CHUNK: usize = 1 << 14;
 
 /// Counts from matching.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct EdgeCounts {
+pub(super) struct EdgeCounts {
     /// Edges with one face, after welding.
     pub boundary: u64,
     /// Edges with three faces or more, without those of [`HalfEdgePairs::nonmanifold_within`].
     pub nonmanifold: u64,
+    /// Sides of duplicates at these.
+    pub duplicates: DuplicateSides,
     /// Boundary edges welded to others at exactly the same position.
     pub welded: u64,
 }
@@ -56,7 +59,7 @@ struct Matching<'a> {
     boundary: &'a Shuffle<u32>,
     by_corner: RangeBuckets,
     /// Edges with three faces or more.
-    nonmanifold: AtomicU64,
+    nonmanifold: NonmanifoldEdges,
     run: &'a Run<'a>,
 }
 
@@ -89,7 +92,7 @@ pub(super) fn matched<'a>(
         by_vertex: RangeBuckets::new(mesh.positions.len(), half_edges.buckets()),
         boundary,
         by_corner: RangeBuckets::new(corners as usize, boundary.buckets()),
-        nonmanifold: AtomicU64::new(0),
+        nonmanifold: NonmanifoldEdges::default(),
         run: context.run,
     };
     match &blocks {
@@ -111,7 +114,7 @@ pub(super) fn matched<'a>(
                 if let [single] = edge {
                     open.push(matching.by_corner.bucket_of(single.corner), single.corner)?;
                 } else {
-                    count_nonmanifold(&matching.nonmanifold, edge.len());
+                    matching.nonmanifold.count(mesh, edge.iter().map(|side| side.corner));
                     chain(mesh, edge.iter().map(HalfEdge::side), apart, |pair| out.push(pair))?;
                 }
             }
@@ -123,8 +126,14 @@ pub(super) fn matched<'a>(
     drop(sized);
     pairs.keep(blocks);
     let welded = if open > 0 { weld(mesh, boundary, &pairs, &nonmanifold, context)? } else { 0 };
+    link_duplicates(mesh, &pairs, context.run)?;
     pairs.finish_collecting();
-    let counts = EdgeCounts { boundary: open - welded, nonmanifold: nonmanifold.into_inner(), welded };
+    let counts = EdgeCounts {
+        boundary: open - welded,
+        nonmanifold: nonmanifold.edges(),
+        duplicates: nonmanifold.duplicate_sides(),
+        welded,
+    };
     Ok((pairs, counts))
 }
 
@@ -159,7 +168,7 @@ impl Matching<'_> {
                     }
                     [single] => open.push(self.by_corner.bucket_of(single.corner), single.corner),
                     several => {
-                        count_nonmanifold(&self.nonmanifold, several.len());
+                        self.nonmanifold.count(self.mesh, several.iter().map(|side| side.corner));
                         Ok(())
                     }
                 };
@@ -193,6 +202,49 @@ impl Matching<'_> {
     }
 }
 
+/// Links each known duplicate to the face that it duplicates. On one thread: several duplicates of one face are entered
+/// at the same corner.
+fn link_duplicates(mesh: &Mesh, pairs: &HalfEdgePairs<'_>, run: &Run) -> Result<()> {
+    let Some(known) = mesh.duplicates() else { return Ok(()) };
+    let mut out = pairs.sink();
+    for (face, &of) in known.iter().enumerate() {
+        if face % CHUNK == 0 {
+            run.cancel.check()?;
+        }
+        if let Some(first) = (of as usize).checked_sub(1) {
+            link(mesh, face, first).into_iter().flatten().try_for_each(|pair| out.push(pair))?;
+        }
+    }
+    out.finish()
+}
+
+/// The edge that links duplicate `face` to `first`, another face in its place: a common edge, both ways. The windings
+/// contradict if the faces traverse it in opposite directions, since they are the same piece of surface. `None` if
+/// polygons with the same corners have no common edge.
+fn link(mesh: &Mesh, face: usize, first: usize) -> Option<[Match; 2]> {
+    let ends = |face: usize, slot: usize| {
+        mesh.faces.with(face, |corners| {
+            let at = |slot: usize| mesh.positions.get(corners[slot % corners.len()]);
+            [at(slot), at(slot + 1)]
+        })
+    };
+    let start = |face: usize| mesh.faces.corner_range(face).start;
+    let own = ends(face, 0);
+    for slot in 0..mesh.faces.corner_range(first).len() {
+        let other = ends(first, slot);
+        let is_same = other == own;
+        if is_same || [other[1], other[0]] == own {
+            let (corner, there) = (start(face) as u32, (start(first) + slot) as u32);
+            let opposite_winding = !is_same;
+            return Some([
+                Match { corner, from: face, to: first, opposite_winding },
+                Match { corner: there, from: first, to: face, opposite_winding },
+            ]);
+        }
+    }
+    None
+}
+
 /// An open half-edge with the hash of its two end positions; the hash's last bit is its direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
@@ -219,7 +271,7 @@ fn weld(
     mesh: &Mesh,
     boundary: &Shuffle<u32>,
     pairs: &HalfEdgePairs<'_>,
-    nonmanifold: &AtomicU64,
+    nonmanifold: &NonmanifoldEdges,
     context: Context<'_>,
 ) -> Result<u64> {
     let copies = 2 * context.run.threads as u64;
@@ -248,12 +300,14 @@ fn weld(
         buckets,
         || pairs.sink(),
         |bucket, out| {
-            let mut sorted = keyed.take(bucket)?;
+            let (mut sorted, mut corners) = (keyed.take(bucket)?, Vec::new());
             sorted.sort_unstable_by_key(|open| (open.edge(), open.corner));
             for same in sorted.chunk_by(|a, b| a.edge() == b.edge()) {
                 if same.len() > 1 {
                     welded.fetch_add(same.len() as u64, Relaxed);
-                    count_nonmanifold(nonmanifold, same.len());
+                    corners.clear();
+                    corners.extend(same.iter().map(|open| open.corner));
+                    nonmanifold.count_welded(mesh, &corners);
                     chain(mesh, same.iter().map(OpenHalfEdge::side), |a, b| a != b, |pair| out.push(pair))?;
                 }
             }
@@ -372,7 +426,7 @@ mod tests {
                 assert!(found == expected, "{faces} {budget}: {} of {}", found.len(), expected.len());
                 // Only within blocks, edges of more than two faces can have more pairs than are expected.
                 assert!(pairs.expected() >= found.len() || pairs.finds_within() && nonmanifold > 0);
-                let all = counts.nonmanifold + pairs.nonmanifold_within();
+                let all = counts.nonmanifold + pairs.nonmanifold_within().map_or(0, NonmanifoldEdges::edges);
                 assert_eq!((counts.boundary, all), (open, nonmanifold));
                 drop(pairs);
                 for name in ["vertex_blocks.tmp", "half_edges.tmp", "links.tmp", "boundary.tmp"] {

@@ -1,10 +1,11 @@
 //! The dual graph: a node per face, an edge per shared mesh edge, weighted by distance and turning.
 //!
 //! Built out of core in three shuffles and a few sequential passes ([`DualGraph::build`]): node geometry ([`nodes`]),
-//! half-edges matched by vertex or by position ([`half_edges`], [`half_edge_pairs`]), edges assembled in node order
-//! ([`dual_edges`]), components found ([`components`]) and joined ([`bridges`]), winding made consistent ([`orient`]),
-//! and weights ([`weights`]) as a pure function of the undirected edge. If the file scatters neighbours, [`order`]
-//! sorts faces beforehand. Correspondence uses the [`vertex_graph`] instead.
+//! half-edges matched by vertex or by position ([`half_edges`], [`half_edge_pairs`]), faces that occur twice set aside
+//! (`duplicates`), edges assembled in node order ([`dual_edges`]), components found ([`components`]) and joined
+//! ([`bridges`]), winding made consistent ([`orient`]), and weights ([`weights`]) as a pure function of the undirected
+//! edge. If the file scatters neighbours, [`order`] sorts faces beforehand. Correspondence uses the [`vertex_graph`]
+//! instead.
 
 pub mod angle;
 mod assemble_in_memory;
@@ -14,6 +15,7 @@ pub mod components;
 pub mod csr;
 pub mod dual;
 pub mod dual_edges;
+mod duplicates;
 mod face_rows;
 pub mod frame;
 mod half_edge_block;
@@ -24,6 +26,7 @@ mod node_batch;
 mod node_blocks;
 pub mod node_geometry;
 pub mod nodes;
+mod nonmanifold;
 pub mod order;
 pub mod orient;
 mod orientation_sums;

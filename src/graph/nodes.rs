@@ -23,7 +23,7 @@ pub const CHUNK: usize = 1 << 14;
 pub const FILE: &str = "node_geometry.npy";
 
 /// A node of the dual graph. Degenerate faces (fewer than three corners, no area, a non-finite coordinate) have normal
-/// and area 0.
+/// and area 0; faces that lie exactly where another one lies have area 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Node {
@@ -131,9 +131,14 @@ impl NodeSums {
     }
 }
 
-/// Calls `visit` with the node of each face of `range`, in order, and whether the face is degenerate.
+/// Calls `visit` with the node of each face of `range`, in order, and whether the face is degenerate. A duplicate has
+/// no area, but is not degenerate.
 #[inline]
 pub fn each_node(mesh: &Mesh, frame: Frame, range: Range<usize>, mut visit: impl FnMut(usize, &Node, bool)) {
+    let mut visit = |face: usize, node: &Node, flat: bool| match mesh.is_duplicate(face) {
+        false => visit(face, node, flat),
+        true => visit(face, &Node { area: 0., ..*node }, false),
+    };
     let Faces::Triangles { .. } = mesh.faces else {
         return mesh.faces.for_each(range, |face, corners| {
             let (node, flat) = Node::of_face(corners, mesh, &frame);

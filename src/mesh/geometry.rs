@@ -176,6 +176,8 @@ pub struct Mesh {
     source: Arc<Source>,
     /// Number of vertices that were moved away from their position in the file or array.
     strays: usize,
+    /// [`Mesh::duplicates`], and their number.
+    pub(super) duplicates: Option<(MappedSlice<u32>, u64)>,
     /// The folder of decoded arrays, if nobody else keeps it. Dropped last.
     pub(super) _scratch: Option<Arc<PrivateFolder>>,
 }
@@ -207,7 +209,14 @@ impl Mesh {
         document: Option<Document>,
         notes: Vec<String>,
     ) -> Self {
-        Self { positions, faces, source: Arc::new(Source { path, document, notes }), strays: 0, _scratch: None }
+        Self {
+            positions,
+            faces,
+            source: Arc::new(Source { path, document, notes }),
+            strays: 0,
+            duplicates: None,
+            _scratch: None,
+        }
     }
 
     /// The same mesh with the positions of strays replaced by `repairs`, ascending by vertex.

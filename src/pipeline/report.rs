@@ -95,6 +95,8 @@ pub struct Input {
     pub nonmanifold_edges: u64,
     /// Faces without area or with a non-finite coordinate.
     pub degenerate_faces: u64,
+    /// Faces that lie exactly where an earlier face lies. They count as having no area.
+    pub duplicate_faces: u64,
     /// Vertices far outside the rest, moved to the mean of their neighbours.
     pub stray_vertices: u64,
     /// Faces whose winding was flipped: it contradicted their component, or pointed inwards.
@@ -151,6 +153,7 @@ impl Report {
                 boundary_edges: graph.boundary_edges,
                 nonmanifold_edges: graph.nonmanifold_edges,
                 degenerate_faces: graph.degenerate_faces,
+                duplicate_faces: graph.duplicate_faces,
                 stray_vertices: graph.stray_vertices,
                 flipped_faces: graph.flipped_faces,
                 unoriented_edges: graph.unoriented_edges,

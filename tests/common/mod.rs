@@ -59,6 +59,13 @@ pub fn stride(usual: usize) -> usize {
     if every_case() { 1 } else { usual }
 }
 
+/// The vertices and triangles of a mesh.
+pub fn arrays(mesh: &Mesh) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let points = (0..mesh.positions.len() as u32).map(|v| mesh.positions.get(v)).collect();
+    let face = |f| mesh.faces.with(f, |corners| corners.to_vec().try_into().expect("a triangle"));
+    (points, (0..mesh.faces.len()).map(face).collect())
+}
+
 /// A folder for small files, in memory where there is room. Whatever is to last is synced to the disk, and where a test makes hundreds of
 /// work directories it waits for that ten times as long as it computes.
 pub fn in_memory() -> tempfile::TempDir {

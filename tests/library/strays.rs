@@ -10,12 +10,6 @@ use std::collections::BTreeSet;
 
 type Arrays = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
-fn arrays(mesh: &Mesh) -> Arrays {
-    let points = (0..mesh.positions.len() as u32).map(|v| mesh.positions.get(v)).collect();
-    let face = |f| mesh.faces.with(f, |corners| corners.to_vec().try_into().expect("a triangle"));
-    (points, (0..mesh.faces.len()).map(face).collect())
-}
-
 /// `count` vertices, no two of them with a common neighbour.
 fn apart((points, faces): &Arrays, count: usize) -> Vec<u32> {
     let mut taken: BTreeSet<u32> = BTreeSet::new();
@@ -77,21 +71,21 @@ fn same_at_any_distance(mesh: &Arrays, segmenter: &Segmenter, name: &str) {
 
 #[test]
 fn labels_do_not_depend_on_where_strays_are() {
-    let mesh = arrays(&Mesh::creature(12_700).unwrap());
+    let mesh = common::arrays(&Mesh::creature(12_700).unwrap());
     same_at_any_distance(&mesh, &Segmenter::new(), "default");
     same_at_any_distance(&mesh, &Segmenter::new().method(Cluster::KMeans).parts(6), "K-means");
 }
 
 #[test]
 fn contracted_and_sorted_meshes_neither() {
-    let mesh = arrays(&Mesh::creature(64_000).unwrap());
+    let mesh = common::arrays(&Mesh::creature(64_000).unwrap());
     let sorted = Segmenter::new().order(nystrom_stream::graph::Order::Hilbert);
     same_at_any_distance(&mesh, &sorted, "contracted");
 }
 
 #[test]
 fn orders_neither() {
-    let mesh = arrays(&Mesh::creature(12_700).unwrap());
+    let mesh = common::arrays(&Mesh::creature(12_700).unwrap());
     let vertices = apart(&mesh, 10);
     let expected = Sequencer::new().run(&amid(&mesh, &vertices)).unwrap();
     for distance in [10., 1e4, 1e30] {
@@ -104,14 +98,14 @@ fn orders_neither() {
 fn models_and_scans_neither() {
     let Some(data) = common::data() else { return };
     for name in ["psb/126.ply", "real/horse_paper_39698.ply"].into_iter().step_by(common::stride(2)) {
-        let mesh = arrays(&Mesh::open(data.join(name)).unwrap());
+        let mesh = common::arrays(&Mesh::open(data.join(name)).unwrap());
         same_at_any_distance(&mesh, &Segmenter::new(), name);
     }
 }
 
 #[test]
 fn outputs_keep_the_positions_of_the_file() {
-    let mesh = arrays(&Mesh::creature(4_000).unwrap());
+    let mesh = common::arrays(&Mesh::creature(4_000).unwrap());
     let strays = with_strays(&mesh, &apart(&mesh, 2), 1e6);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("labelled.ply");
@@ -125,7 +119,7 @@ fn outputs_keep_the_positions_of_the_file() {
 /// [`Mesh::without_strays`] were cut with their strays.
 #[test]
 fn strays_that_were_moved_stay_where_they_are() {
-    let mesh = arrays(&Mesh::creature(4_000).unwrap());
+    let mesh = common::arrays(&Mesh::creature(4_000).unwrap());
     let mesh = with_strays(&mesh, &apart(&mesh, 2), 1e6);
     let run = Run::new(&());
     let once = mesh.without_strays(&run).unwrap();
@@ -140,7 +134,7 @@ fn strays_that_were_moved_stay_where_they_are() {
 /// the mesh was a speck in it and was left whole, its volume was a quarter, and labels came from wrong faces.
 #[test]
 fn vertices_of_no_face_change_nothing() {
-    let (points, faces) = arrays(&Mesh::creature(6_000).unwrap());
+    let (points, faces) = common::arrays(&Mesh::creature(6_000).unwrap());
     let points: Vec<[f64; 3]> = points.iter().map(|p| [p[0] + 5e5, p[1] + 5e6, p[2] + 100.]).collect();
     let crowd = [points.clone(), vec![[0.; 3]; points.len() / 10]].concat();
     let mut far = crowd.clone();

@@ -21,6 +21,8 @@ pub(super) struct Faces<'a> {
     pub mesh: &'a Mesh,
     pub labels: Option<&'a [u32]>,
     pub neighbours: Csr<'a>,
+    /// [`crate::graph::DualGraph::duplicates`].
+    pub duplicates: Option<&'a [u32]>,
     pub unit: Unit,
     /// Whether no face is degenerate, so that faces need not be checked for finite positions.
     pub whole: bool,
@@ -65,6 +67,11 @@ impl Faces<'_> {
         self.labels.map_or(0, |labels| labels[face as usize])
     }
 
+    /// Whether `face` lies exactly where an earlier face lies.
+    pub fn is_duplicate(&self, face: u32) -> bool {
+        self.duplicates.is_some_and(|first| first[face as usize] != 0)
+    }
+
     /// Whether all `corners` of a face are finite: other faces have no area.
     pub fn is_in_space(&self, corners: &[u32]) -> bool {
         self.whole || corners.iter().all(|&v| finite(self.mesh.positions.get(v)))
@@ -73,7 +80,7 @@ impl Faces<'_> {
     /// The faces that share an edge with `face`. A bridge leads to another body, which may touch this one, but shares
     /// no edge.
     fn beside(&self, face: u32) -> impl Iterator<Item = u32> {
-        let edges = self.neighbours.neighbours(face);
+        let edges = self.neighbours.neighbours(face).filter(|(other, _)| !self.is_duplicate(*other));
         edges.filter(|(_, length)| *length != 0.).map(|(other, _)| other)
     }
 

@@ -58,6 +58,8 @@ pub struct MeshMeasures {
     pub nonmanifold_edges: u64,
     /// Faces without area or with a non-finite coordinate.
     pub degenerate_faces: u64,
+    /// Faces that lie exactly where an earlier face lies; nothing else counts them.
+    pub duplicate_faces: u64,
     /// Open edges that lie at exactly the same position as another: texture seams, unwelded vertices.
     pub welded_edges: u64,
     /// Vertices far outside the rest.
@@ -81,6 +83,9 @@ impl Faces<'_> {
             let label = self.label(face);
             let mine = sums.entry(label).or_default();
             mine.faces += 1;
+            if self.is_duplicate(face) {
+                return;
+            }
             if self.is_in_space(corners) {
                 self.mesh.triangles(corners, |_, at| mine.triangle(at.map_each(|p| self.unit.place(p))));
             }
@@ -182,7 +187,8 @@ fn sums(
     let grant = if wants_loops { context.run.budget.take("open edges", bytes, bytes).ok() } else { None };
     let unit = Unit::of(&graph.facts.frame);
     let whole = graph.facts.degenerate_faces == 0;
-    let faces = Faces { mesh, labels, neighbours: graph.edges.by_shared_edge(), unit, whole };
+    let (neighbours, duplicates) = (graph.edges.by_shared_edge(), graph.duplicates.as_deref());
+    let faces = Faces { mesh, labels, neighbours, duplicates, unit, whole };
     let (mut all, mut open) = (BTreeMap::<u32, Sums>::new(), Vec::new());
     let mut granted = Vec::new();
     let n = mesh.faces.len();
@@ -235,8 +241,15 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
         4 => quads += 1,
         _ => {}
     });
-    let GraphFacts { components, nonmanifold_edges, degenerate_faces, welded_edges, unoriented_edges, .. } =
-        graph.facts;
+    let GraphFacts {
+        components,
+        nonmanifold_edges,
+        degenerate_faces,
+        duplicate_faces,
+        welded_edges,
+        unoriented_edges,
+        ..
+    } = graph.facts;
     Ok(MeshMeasures {
         triangles,
         quads,
@@ -246,6 +259,7 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
         boundary_loops,
         nonmanifold_edges,
         degenerate_faces,
+        duplicate_faces,
         welded_edges,
         stray_vertices: mesh.strays() as u64,
         unoriented_edges,
