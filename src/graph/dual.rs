@@ -55,7 +55,8 @@ pub struct GraphFacts {
     pub nonfinite_faces: u64,
     /// Vertices far outside the rest, which were moved to the mean of their neighbours.
     pub stray_vertices: u64,
-    /// Faces whose normals were flipped, because their winding contradicts their component's or points inwards.
+    /// Faces whose normals were flipped, because their winding contradicts their component's or points inwards;
+    /// duplicates among them.
     pub flipped_faces: u64,
     /// Edges whose faces cannot be oriented consistently (Möbius strips, some non-manifold edges).
     pub unoriented_edges: u64,

@@ -99,7 +99,7 @@ pub struct Input {
     pub duplicate_faces: u64,
     /// Vertices far outside the rest, moved to the mean of their neighbours.
     pub stray_vertices: u64,
-    /// Faces whose winding was flipped: it contradicted their component, or pointed inwards.
+    /// Faces whose winding was flipped: it contradicted their component, or pointed inwards. Duplicates are included.
     pub flipped_faces: u64,
     /// Edges without a consistent winding.
     pub unoriented_edges: u64,

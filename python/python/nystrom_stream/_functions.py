@@ -428,6 +428,6 @@ def quality(mesh: MeshLike, faces: Any = None, *, landmarks: Union[int, Iterable
 
 def measure(mesh: MeshLike, faces: Any = None) -> dict[str, Any]:
     """Measures a mesh: a dict with box, area, volume if it is closed (else None), centroid, axes, spread, as `Segmentation.measure` has
-    them; components, boundary_loops; open, welded and non-manifold edges, degenerate faces."""
+    them; components, boundary_loops; open, welded and non-manifold edges, degenerate and duplicate faces."""
     measures: dict[str, Any] = json.loads(_native.measure_mesh(as_mesh(mesh, faces)))
     return measures
