@@ -300,14 +300,12 @@ fn weld(
         buckets,
         || pairs.sink(),
         |bucket, out| {
-            let (mut sorted, mut corners) = (keyed.take(bucket)?, Vec::new());
+            let mut sorted = keyed.take(bucket)?;
             sorted.sort_unstable_by_key(|open| (open.edge(), open.corner));
             for same in sorted.chunk_by(|a, b| a.edge() == b.edge()) {
                 if same.len() > 1 {
                     welded.fetch_add(same.len() as u64, Relaxed);
-                    corners.clear();
-                    corners.extend(same.iter().map(|open| open.corner));
-                    nonmanifold.count_welded(mesh, &corners);
+                    nonmanifold.count_welded(mesh, same.iter().map(|open| open.corner));
                     chain(mesh, same.iter().map(OpenHalfEdge::side), |a, b| a != b, |pair| out.push(pair))?;
                 }
             }

@@ -39,10 +39,13 @@ impl NonmanifoldEdges {
     }
 
     /// The same for an edge that was welded, at which `corners` are ends of open edges.
-    pub fn count_welded(&self, mesh: &Mesh, corners: &[u32]) {
-        match *corners {
-            [a, b] if mesh.is_same_triangle(a, b) => drop(self.rim.fetch_add(1, Relaxed)),
-            _ => self.count(mesh, corners.iter().copied()),
+    pub fn count_welded(&self, mesh: &Mesh, mut corners: impl ExactSizeIterator<Item = u32>) {
+        if corners.len() != 2 {
+            self.count(mesh, corners);
+        } else if let (Some(a), Some(b)) = (corners.next(), corners.next())
+            && mesh.is_same_triangle(a, b)
+        {
+            self.rim.fetch_add(1, Relaxed);
         }
     }
 
@@ -110,7 +113,7 @@ mod tests {
         assert_eq!(of(&[&[0, 1, 2, 3], &[0, 2, 6]]), (2, sides(4, 0)));
         assert_eq!(of(&[&[0, 1, 2], &[0, 1, 2, 3, 4], &[0, 2, 5]]), (3, sides(0, 4)));
         let welded = NonmanifoldEdges::default();
-        [[0, 6], [0, 1], [1, 3]].iter().for_each(|[a, b]| welded.count_welded(&mesh, &[3 * a, 3 * b]));
+        [[0, 6], [0, 1], [1, 3]].iter().for_each(|[a, b]| welded.count_welded(&mesh, [3 * a, 3 * b].into_iter()));
         assert_eq!((welded.edges(), welded.duplicate_sides().rim), (0, 2));
     }
 
