@@ -1,6 +1,7 @@
 //! Faces that occur twice, as on two-sided models: the parts are those of the surface, and both faces get one label.
 
 use super::common;
+use nystrom_stream::apps::evaluate::{contingency, rand};
 use nystrom_stream::apps::measure;
 use nystrom_stream::graph::DualGraph;
 use nystrom_stream::store::{Budget, Context, Run, WorkDir};
@@ -48,18 +49,6 @@ fn twice((points, faces): &Arrays, how: Twice) -> (Mesh, Vec<[usize; 2]>) {
 
 const HOW: [Twice; 4] = [Twice::Appended, Twice::BackToBack, Twice::Soup, Twice::Apart];
 
-/// 1 − Rand index between two labellings of the faces.
-fn differ(a: &[u32], b: &[u32]) -> f64 {
-    let count = |labels: &[(u32, u32)]| {
-        let mut sorted = labels.to_vec();
-        sorted.sort_unstable();
-        sorted.chunk_by(|a, b| a == b).map(|same| (same.len() as f64).powi(2)).sum::<f64>()
-    };
-    let pairs = |of: fn((u32, u32)) -> (u32, u32)| a.iter().zip(b).map(|(a, b)| of((*a, *b))).collect::<Vec<_>>();
-    let [mine, theirs, both] = [count(&pairs(|p| (p.0, 0))), count(&pairs(|p| (0, p.1))), count(&pairs(|p| p))];
-    (mine + theirs - 2. * both) / (a.len() as f64).powi(2)
-}
-
 /// Regression: with every face right after its other side, the two were joined as at a fold by 180°, and any surface was
 /// one part.
 #[test]
@@ -78,7 +67,7 @@ fn the_parts_of_a_two_sided_surface_are_those_of_its_front() {
         let label = |side: usize| places.iter().map(|place| found.labels()[place[side]]).collect::<Vec<u32>>();
         assert!(label(0) == label(1), "{how:?}: two sides with different labels");
         assert_eq!(found.parts(), expected.parts(), "{how:?}");
-        let apart = differ(&label(0), expected.labels());
+        let apart = rand(&contingency(&label(0), expected.labels(), None).unwrap());
         assert!(apart < 0.02, "{how:?}: {apart}");
     }
 }
