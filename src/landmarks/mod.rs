@@ -170,13 +170,11 @@ impl Default for SamplingParams {
     }
 }
 
-/// `count` distinct numbers below `n`, in the order drawn (Floyd's algorithm would not give a random order; this one
-/// does).
+/// `count` distinct numbers below `n`, or all if there are fewer, in the order drawn: the first of more numbers are
+/// those of fewer. (Floyd's algorithm would not give a random order; this one does.)
 fn distinct(n: usize, count: usize, seed: u64, purpose: &str) -> Vec<u32> {
     let mut draw = stream(seed, purpose);
-    if count >= n {
-        return (0..n as u32).collect();
-    }
+    let count = count.min(n);
     // A sparse Fisher–Yates shuffle: only displaced positions are stored.
     let mut displaced = std::collections::HashMap::with_capacity(2 * count);
     let place = |displaced: &std::collections::HashMap<usize, usize>, k: usize| displaced.get(&k).copied().unwrap_or(k);
@@ -219,6 +217,18 @@ mod tests {
             assert_eq!(drawn.len(), 5);
         }
         assert!(hits.iter().all(|&h| (850..1150).contains(&h)), "{hits:?}");
-        assert_eq!(distinct(3, 7, 0, "test"), [0, 1, 2]);
+        let mut all = distinct(3, 7, 0, "test");
+        all.sort_unstable();
+        assert_eq!(all, [0, 1, 2]);
+    }
+
+    /// Regression: all numbers came in ascending order, so that every smaller nested sample had the first faces of the
+    /// file, under all seeds.
+    #[test]
+    fn the_first_of_all_numbers_are_those_of_fewer() {
+        for (seed, count) in [(0, 5), (1, 5), (2, 19)] {
+            assert_eq!(distinct(20, 50, seed, "test")[..count], distinct(20, count, seed, "test"));
+        }
+        assert_ne!(distinct(20, 20, 0, "test"), distinct(20, 20, 1, "test"));
     }
 }
