@@ -159,11 +159,9 @@ impl TriangleTree {
     /// For the faces of `range` for which `wanted` holds.
     pub fn of(mesh: &Mesh, frame: &UnitFrame, range: Range<usize>, wanted: impl Fn(u32) -> bool) -> Self {
         let faces = &mesh.faces;
-        let corners = range
-            .clone()
-            .next_back()
-            .map_or(0, |last| faces.corner_range(last).end - faces.corner_range(range.start).start);
-        let mut leaves = Vec::with_capacity(corners.saturating_sub(2 * range.len()));
+        let chosen = range.clone().filter(|&face| wanted(face as u32));
+        let triangles = chosen.map(|face| faces.corner_range(face).len().saturating_sub(2)).sum();
+        let mut leaves = Vec::with_capacity(triangles);
         frame.triangles(mesh, range, |face, corners| {
             if wanted(face) {
                 leaves.push(Leaf::new(corners, face));
@@ -308,5 +306,17 @@ mod tests {
         };
         let near = |a: f32, b: f32| (a / b - 1.).abs() < 1e-3;
         assert!(near(limit(1., f32::INFINITY), 2.01) && near(limit(1., 0.1), 0.21) && near(limit(0.05, 0.1), 0.11));
+    }
+
+    /// Regression: a tree of few faces took memory for all of the mesh: 44 bytes each, outside the budget.
+    #[test]
+    fn faces_left_out_take_no_memory() {
+        let n = 4000;
+        let positions: Vec<[f64; 3]> = (0..n + 2).map(|i| [f64::from(i), f64::from(i % 2), 0.]).collect();
+        let faces: Vec<[u32; 3]> = (0..n as u32).map(|i| [i, i + 1, i + 2]).collect();
+        let mesh = Mesh::from_slices(&positions, &faces).unwrap();
+        let frame = UnitFrame::of(&mesh, &Run::new(&())).unwrap();
+        let tree = TriangleTree::of(&mesh, &frame, 0..n as usize, |face| face % 100 == 0);
+        assert_eq!((tree.leaves.len(), tree.leaves.capacity()), (40, 40));
     }
 }
