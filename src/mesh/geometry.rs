@@ -304,7 +304,7 @@ impl Mesh {
     ///
     /// # Errors
     /// [`Error::Malformed`] naming the face that names no vertex; [`Error::Unusable`] without faces or
-    /// with 2³² vertices or faces.
+    /// with more than 2³² − 1 vertices or corners, or 2³¹ − 1 faces.
     pub fn from_slices<P: Coordinate, F: AsRef<[u32]>>(positions: &[[P; 3]], faces: &[F]) -> Result<Self> {
         let sizes = || faces.iter().map(|face| face.as_ref().len() as u64);
         let mut corners = Vec::with_capacity(sizes().sum::<u64>() as usize);
@@ -511,7 +511,7 @@ pub(crate) fn one_per_face(name: &str, items: usize, faces: usize) -> Result<()>
 
 /// The error for a mesh with more vertices than can be numbered.
 pub(super) fn too_many_vertices(path: &Path) -> Error {
-    Error::unusable(path, "has more than 2^32 vertices", "cut it into several meshes")
+    Error::unusable(path, "has more than 2^32 − 1 vertices", "cut it into several meshes")
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 //! Records are streamed through one buffer.
 
 use crate::base::{Error, Result};
+use crate::mesh::geometry::too_many_vertices;
 use crate::mesh::output::Gather;
 use crate::mesh::ply::header::{Encoding, HeaderWriter, Scalar};
 use crate::store::Run;
@@ -55,7 +56,7 @@ impl Target<'_, '_> {
         let Counts { vertices, faces, .. } = self.counts;
         let mut header = HeaderWriter::new(Encoding::Little);
         header.element("vertex", vertices).positions(self.counts.double);
-        header.element("face", faces).corners(Scalar::counting(self.counts.most), Scalar::I32);
+        header.element("face", faces).corners(Scalar::counting(self.counts.most), numbering(vertices));
         self.out.buffer.append(&mut header.finish());
     }
 
@@ -102,10 +103,30 @@ impl Target<'_, '_> {
     }
 }
 
+/// The type of the numbers of `vertices` vertices: that of other programs if they fit.
+fn numbering(vertices: u64) -> Scalar {
+    if vertices <= 1 << 31 { Scalar::I32 } else { Scalar::U32 }
+}
+
 /// Rejects more vertices than a face can index.
 pub(super) fn check(path: &Path, counts: Counts) -> Result<()> {
-    if counts.vertices > i32::MAX as u64 {
-        return Err(Error::unusable(path, "has more than 2^31 vertices", "cut it into several meshes"));
+    if u32::try_from(counts.vertices).is_err() {
+        return Err(too_many_vertices(path));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Regression: an STL of more than 715 million triangles was refused: its vertices did not fit a signed number.
+    #[test]
+    fn all_vertices_that_a_mesh_may_have_can_be_numbered() {
+        let path = Path::new("big.stl");
+        let check = |vertices: u64| check(path, Counts { vertices, ..Counts::default() });
+        assert_eq!([(1 << 31) - 1, 1 << 31, (1 << 31) + 1].map(numbering), [Scalar::I32, Scalar::I32, Scalar::U32]);
+        assert!(check(u64::from(u32::MAX)).is_ok());
+        assert!(check(1 << 32).unwrap_err().to_string().contains("2^32"));
+    }
 }
