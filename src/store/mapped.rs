@@ -6,6 +6,9 @@
 //! - *Within this process* every mapping is claimed while it lives ([`super::claims`]): bytes mapped for writing are
 //!   mapped once, and nobody maps them for reading, whatever name the file is opened under. A mapping that would
 //!   overlap is an error. So is one beyond the end of its file.
+//! - *Writes by descriptor* ([`Writeback::write`]) go to a file whose mapping belongs to one [`MappedSliceMut`]. They
+//!   stay within that array, and only this crate can make them: the block cache, which writes blocks of a row while no
+//!   slice of it is read.
 //! - *Other processes of this program* are kept out by the lock on the work directory. Its files are written under a
 //!   temporary name and renamed when whole.
 //! - *Other programs* may write to any file, which no program can prevent. Numbers may then change between two reads;
@@ -304,7 +307,7 @@ impl<T: Pod> MappedSliceMut<T> {
     /// A handle that flushes parts of the array to the disk while it is written.
     pub fn writeback(&self) -> Option<Writeback> {
         let file = self.file.clone()?;
-        Some(Writeback { file, offset: self.offset, item: size_of::<T>() })
+        Some(Writeback { file, offset: self.offset, item: size_of::<T>(), len: self.len })
     }
 
     /// Replaces all items. Those of a file are written to the file, not through the mapping: one page fault per page
@@ -374,6 +377,7 @@ pub struct Writeback {
     file: Arc<File>,
     offset: usize,
     item: usize,
+    len: usize,
 }
 
 impl Writeback {
@@ -400,9 +404,12 @@ impl Writeback {
     /// Writes `items` from the item `first` on, to the file rather than through the mapping.
     ///
     /// # Errors
-    /// The operating system's.
-    pub fn write<T: Pod>(&self, first: usize, items: &[T]) -> std::io::Result<()> {
+    /// The operating system's; `InvalidInput` for items beyond the array or of another size.
+    pub(crate) fn write<T: Pod>(&self, first: usize, items: &[T]) -> std::io::Result<()> {
         use std::os::unix::fs::FileExt;
+        if size_of::<T>() != self.item || first > self.len || items.len() > self.len - first {
+            return Err(std::io::ErrorKind::InvalidInput.into());
+        }
         self.file.write_all_at(bytemuck::cast_slice(items), (self.offset + first * self.item) as u64)
     }
 
