@@ -40,6 +40,17 @@ const SCRIPT: &str = concat!(
 );
 const STYLE: &str = include_str!("page.css");
 
+/// The parts of a `report` that are the same for every run of the same cut.
+fn repeatable(report: &serde_json::Value) -> serde_json::Value {
+    let mut report = report.clone();
+    for (place, names) in [("", &["seconds", "bytes"][..]), ("/decision", &["seconds"]), ("/options", &["threads"])] {
+        if let Some(fields) = report.pointer_mut(place).and_then(serde_json::Value::as_object_mut) {
+            fields.retain(|name, _| !names.contains(&name.as_str()));
+        }
+    }
+    report
+}
+
 /// The content of a page.
 ///
 /// ```
@@ -49,7 +60,7 @@ const STYLE: &str = include_str!("page.css");
 /// use nystrom_stream::store::Run;
 /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
 /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
-/// let report = serde_json::json!({"seconds": 0.1});
+/// let report = serde_json::json!({"eigenvalues": [2.0, 0.5]});
 /// let page = Page {
 ///     title: "A square",
 ///     mesh: &mesh,
@@ -79,7 +90,8 @@ pub struct Page<'a> {
     pub cuts: Option<Cuts<'a>>,
     /// The edits that produced the labels.
     pub edits: Option<&'a Edits>,
-    /// The run's report; missing fields are not shown.
+    /// The run's report; missing fields are not shown. Times, memory and threads are left out, so that the same cut is
+    /// the same page.
     pub report: &'a serde_json::Value,
 }
 
@@ -214,7 +226,7 @@ impl Page<'_> {
             "side": side,
             "cuts": cuts,
             "landmarks": packed(&landmarks),
-            "report": self.report,
+            "report": repeatable(self.report),
         })
     }
 
@@ -274,6 +286,21 @@ impl Page<'_> {
 mod tests {
     use super::*;
     use crate::store::Budget;
+
+    /// Regression: pages held the times and the memory of the run, so that the same cut made different files.
+    #[test]
+    fn what_differs_between_runs_is_left_out() {
+        let report = |seconds: f64, threads: u32| {
+            json!({
+                "seconds": {"total": seconds}, "bytes": {"peak_allocated": threads}, "options": {"seed": 1, "threads": threads},
+                "decision": {"cells": 7, "seconds": seconds}, "parts": [{"seconds": 1}],
+            })
+        };
+        assert_eq!(repeatable(&report(1., 1)), repeatable(&report(2., 2)));
+        let kept = json!({"options": {"seed": 1}, "decision": {"cells": 7}, "parts": [{"seconds": 1}]});
+        assert_eq!(repeatable(&report(1., 1)), kept);
+        assert_eq!(repeatable(&json!({})), json!({}));
+    }
 
     /// Regression: a page of a few faces asked for as much memory as one of 120,000.
     #[test]

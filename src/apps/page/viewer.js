@@ -457,16 +457,6 @@
     $('facts').textContent = `${group(data.faces)} faces` + (count < data.faces ? `, shown with ${group(count)}` : '') +
       (input.components > 1 ? `, ${group(input.components)} components` : '');
     const box = $('report').querySelector('div');
-    const table = (title, rows) => {
-      const made = document.createElement('table');
-      made.createCaption().textContent = title;
-      for (const row of rows) { const line = made.insertRow(); line.insertCell(); row.forEach((x) => { line.insertCell().textContent = x; }); }
-      box.append(made);
-    };
-    const seconds = Object.entries(report.seconds || {});
-    if (seconds.length) table('Seconds per stage', seconds.map(([name, s]) => [name, Number(s).toFixed(3)]));
-    const sizes = Object.entries(report.bytes || {}).filter(([, x]) => typeof x === 'number');
-    if (sizes.length) table('Bytes', sizes.map(([name, x]) => [name.replaceAll('_', ' '), group(x)]));
     const values = (report.eigenvalues || []).filter((x) => x > 0);
     if (values.length) {
       const top = values[0], bars = values.slice(0, 60), width = 100 / bars.length;
