@@ -1,6 +1,6 @@
 //! `--edits`, `--hints` and `--like`: a person's corrections, and parts transferred to similar meshes.
 
-use super::input::read;
+use super::input::{check_is_file, read};
 use super::method::PartsArgs;
 use super::options::{CliError, ForceArgs, misfit};
 use nystrom_stream::apps::edits::{Edits, PlacedEdits, read_names};
@@ -91,6 +91,7 @@ impl EditArgs {
             }
         }
         let Some(path) = &self.edits else { return Ok(None) };
+        check_is_file(path)?;
         let edits = Edits::read(path)?;
         if parts.parts.is_none() && parts.parts_range.is_none() && parts.detail.is_none() {
             params.parts.count = edits.parts.map_or(params.parts.count, PartCount::Exactly);
@@ -109,7 +110,9 @@ pub struct NameTable {
 impl NameTable {
     /// Reads the table `path`, if one is given.
     pub fn read(path: Option<&Path>) -> Result<Option<Self>, Error> {
-        path.map(|path| Ok(Self { path: path.into(), names: read_names(path)? })).transpose()
+        let Some(path) = path else { return Ok(None) };
+        check_is_file(path)?;
+        Ok(Some(Self { path: path.into(), names: read_names(path)? }))
     }
 
     /// Gives the parts in `names` their names, where the table has one; there are `parts` parts.

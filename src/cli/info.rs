@@ -185,10 +185,11 @@ fn measured(m: &MeshMeasures) -> String {
 
 pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let path = either(&args.path, &args.work_dir);
-    if args.header && path.is_dir() {
+    let is_folder = |path: &Path| path.is_dir() && path.as_os_str() != "-";
+    if args.header && is_folder(path) {
         return Err(CliError::Usage("--header requires a mesh; a work directory has no header".into()));
     }
-    if let Some(path) = args.path.as_ref().filter(|path| !path.is_dir()) {
+    if let Some(path) = args.path.as_ref().filter(|path| !is_folder(path)) {
         check_places([path], None, &args.json.json)?;
         let (text, all) = mesh(path, args, app)?;
         return Ok(args.json.publish_or_print(&all, &text)?);

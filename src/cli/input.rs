@@ -133,7 +133,7 @@ pub fn meshes(words: &[PathBuf]) -> Result<Given, CliError> {
         let text = word.to_string_lossy();
         let before = unlisted.len();
         let mut found: Vec<PathBuf> = Vec::new();
-        let nothing = if word.is_dir() {
+        let nothing = if word.is_dir() && text != "-" {
             for entry in std::fs::read_dir(word).map_err(Error::io(word, "list"))? {
                 match entry {
                     Ok(entry) => found.push(entry.path()),

@@ -6,7 +6,7 @@
 use super::choices::choice;
 use super::edits::{EditArgs, NameTable, corrections};
 use super::errors::of_file;
-use super::input::{check_there, open_file, read};
+use super::input::{check_is_file, check_there, open_file, read};
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
 use super::options::{
     AppContext, CliError, ForceArgs, ResourceArgs, RunArgs, ScratchArgs, ShownArgs, WorkDirArgs, misfit, open,
@@ -182,7 +182,7 @@ pub struct ExportArgs {
     pub output: Vec<PathBuf>,
     #[command(flatten)]
     pub form: FormArgs,
-    /// Write the hierarchy of parts as JSON
+    /// Write the hierarchy of parts as JSON; `-` for standard output
     #[arg(long, value_name = "FILE")]
     pub tree: Option<PathBuf>,
     /// Name the parts from this table, one line per part: its number, a tab, its name
@@ -335,6 +335,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     check_places(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.json.json))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
     outputs.iter().try_for_each(|output| output.check_budget(&run.budget))?;
+    args.tree.iter().try_for_each(|path| check_is_file(path))?;
     let (params, edits) = args.params(&record)?;
     let names = NameTable::read(args.edits.names.as_deref())?;
     let tree = args.tree.as_deref().map(decision::read_tree).transpose()?;
@@ -418,7 +419,10 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     let params = labels::method(&work).unwrap_or_else(|| record.params.clone());
     if let Some(path) = &args.tree {
         let tree = decision::tree_of(&work, params.exact_rows())?;
-        decision::write_tree(&tree, path)?;
+        match path.as_os_str() == "-" {
+            true => print(format!("{}\n", json::value("the hierarchy", &tree)?).as_bytes())?,
+            false => decision::write_tree(&tree, path)?,
+        }
     }
     if !outputs.is_empty() {
         let scratch = args.scratch.tmp.clone().unwrap_or_else(|| scratch_folder(&outputs));

@@ -1,7 +1,7 @@
 //! In other people's pipelines: progress for programs, readers that go away, help, completions, man pages, and option
 //! combinations that are refused.
 
-use crate::common::{self, errors, ok, program, refused, run, word, zoo};
+use crate::common::{self, errors, ok, program, refused, run, segment, word, zoo};
 use serde_json::Value;
 use std::io::Read;
 use std::process::Stdio;
@@ -184,7 +184,7 @@ fn a_pipe_is_read_once() {
         ok(words);
         writer.join().unwrap();
     }
-    common::segment(&mesh, &["-q", "-o", word(&direct)]);
+    segment(&mesh, &["-q", "-o", word(&direct)]);
     assert!(std::fs::read(&out).unwrap() == std::fs::read(&direct).unwrap());
     refused(&["plan", word(&pipe)], 1, "is a pipe");
 }
@@ -202,4 +202,32 @@ fn numbers_of_landmarks_of_embeddings_are_of_all_meshes() {
         let text = String::from_utf8(output.stdout).unwrap();
         assert!(text.lines().nth(1).is_some_and(|row| row.starts_with("  4-8 ")), "{text}");
     }
+}
+
+/// Regression: with a folder named `-`, its meshes were cut instead of standard input; `export --tree -` wrote a file.
+#[test]
+fn a_dash_is_never_a_file_or_a_folder() {
+    let dir = common::in_memory();
+    let mesh = common::creature(dir.path(), 1_000, false);
+    let (odd, work) = (dir.path().join("-"), dir.path().join("w"));
+    std::fs::create_dir(&odd).unwrap();
+    std::fs::copy(&mesh, odd.join("one.ply")).unwrap();
+    let piped = |words: &[&str]| {
+        let input = std::fs::File::open(&mesh).unwrap();
+        program().args(words).current_dir(dir.path()).stdin(input).output().unwrap()
+    };
+    let cut = piped(&["segment", "-", "-k", "2", "-q"]);
+    assert!(cut.status.success() && cut.stdout.starts_with(b"ply"), "{}", errors(&cut));
+    assert_eq!(std::fs::read_dir(&odd).unwrap().count(), 1);
+    let told = piped(&["info", "-"]);
+    assert!(String::from_utf8_lossy(&told.stdout).starts_with("3528 faces"), "{told:?}");
+    segment(&mesh, &["-q", "-k", "2", "--work-dir", word(&work), "-o", word(&dir.path().join("x.seg"))]);
+    std::fs::remove_dir_all(&odd).unwrap();
+    let tree = piped(&["export", "--work-dir", "w", "--tree", "-"]);
+    assert!(serde_json::from_slice::<Value>(&tree.stdout).unwrap()["unions"].is_array(), "{tree:?}");
+    for option in ["--tree", "--edits", "--names"] {
+        let refused = piped(&["cluster", "--work-dir", "w", option, "-", "-o", "x.csv"]);
+        assert!(errors(&refused).contains("standard input is not read here"), "{option}: {}", errors(&refused));
+    }
+    assert!(!odd.exists());
 }
