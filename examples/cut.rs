@@ -20,7 +20,13 @@ fn main() -> std::process::ExitCode {
         eprintln!("usage: cut MESH [PARTS] [OUT]");
         return 2.into();
     };
-    let parts = rest.first().and_then(|parts| parts.parse().ok());
+    let parts = match rest.first().map(|parts| parts.parse()).transpose() {
+        Ok(parts) => parts,
+        Err(error) => {
+            eprintln!("PARTS: {error}");
+            return 2.into();
+        }
+    };
     match cut(path, parts, rest.get(1).map(String::as_str)) {
         Ok(()) => 0.into(),
         Err(error) => {

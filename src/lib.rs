@@ -32,10 +32,10 @@
 //! Faces are the nodes of a dual graph, whose edges are weighted by distance and turning. Of the n × n affinity matrix
 //! only l rows are computed: distances from l landmarks, chosen by farthest-point sampling or drawn by area and
 //! distance. Above 60,000 faces the default method computes them over a contraction to 30,000 nodes. Nyström's method
-//! extends the eigenvectors of the l × l block to all faces (eq. 3 to 5). An ensemble of over-segmentations of some two
-//! thousand cells is merged by concavity and convexity into a hierarchy, which can be cut into any number of parts; one
-//! more front moves the boundaries onto creases. Results are the same bytes whatever threads, memory and chunk sizes
-//! are used.
+//! extends the eigenvectors of the l × l block to all faces (eq. 1 and 2). An ensemble of over-segmentations of some
+//! two thousand cells is merged by concavity and convexity into a hierarchy, which can be cut into any number of parts;
+//! one more front moves the boundaries onto creases. Results are the same bytes whatever threads, memory and chunk
+//! sizes are used.
 //!
 //! # Entry points
 //!

@@ -105,9 +105,10 @@ impl Segmenter {
         self
     }
 
-    /// The number of landmarks l, 1 to 4096; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`] 60
-    /// to 20, fewer on larger meshes; for K-means and 2-means 60 above 60,000 faces, else twice the number of
-    /// parts, between 10 and 60, and one more than parts from 60 parts on, up to 512.
+    /// The number of landmarks l, 1 to 4096; by default 120, or 240 above 300,000 faces. With [`Segmenter::exact`],
+    /// above 60,000 faces, 60 to 20, fewer on larger meshes. For K-means and 2-means twice the number of parts,
+    /// between 10 and 60, or 60 above 60,000 faces without [`Segmenter::exact`]; one more than parts from 60 parts on,
+    /// up to 512.
     #[must_use]
     pub fn landmarks(mut self, count: usize) -> Self {
         self.params.landmarks = Some(count);

@@ -88,7 +88,7 @@ pub fn open_labels(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>> {
             }
             let label_or_none = |item: i128| if item < 0 { Some(u32::MAX) } else { u32::try_from(item).ok() };
             let mut writer = ArrayWriter::create(&work.file(FILE), 1)?;
-            let remedy = "give a vector of integers from 0 to 4294967295";
+            let remedy = "give a vector of integers up to 4294967295; negative ones for faces without a label";
             each_integer(path, label_or_none, "beyond 32 bits", remedy, |label| writer.push(&[label]))?;
             writer.finish(false)
         }

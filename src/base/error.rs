@@ -65,7 +65,10 @@ pub enum Error {
         remedy: String,
     },
     /// The memory budget cannot hold the minimum that is needed.
-    #[error("{what} needs {needed} bytes but the memory budget leaves {available}; raise `memory` or {remedy}")]
+    #[error(
+        "{what} needs {needed} bytes but the memory budget leaves {available}; raise `memory`{}",
+        alternative(remedy)
+    )]
     Memory {
         /// What was to be allocated.
         what: &'static str,
@@ -73,7 +76,7 @@ pub enum Error {
         needed: u64,
         /// Bytes left in the budget.
         available: u64,
-        /// What else would help, as [`FEWER_THREADS`].
+        /// What else would help, as [`FEWER_THREADS`]; empty if nothing would.
         remedy: &'static str,
     },
     /// The disk cannot hold what the work will write.
@@ -135,7 +138,7 @@ fn hint(action: &str, error: &io::Error) -> &'static str {
             "; check the permissions or choose another folder"
         }
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            "; free some disk space, or put the work elsewhere with `temporary_folder` or `work_dir`"
+            "; free some disk space, or put work files elsewhere with `temporary_folder` or `work_dir`"
         }
         io::ErrorKind::OutOfMemory => "; raise the limit of the address space: ulimit -v",
         // These kinds are not stable yet.
@@ -146,6 +149,11 @@ fn hint(action: &str, error: &io::Error) -> &'static str {
             _ => "",
         },
     }
+}
+
+/// A remedy after another one; nothing if it is empty.
+fn alternative(remedy: &str) -> String {
+    if remedy.is_empty() { String::new() } else { format!(" or {remedy}") }
 }
 
 /// Error texts of other libraries may span several lines.

@@ -7,7 +7,7 @@
 use super::edits::{Like, NameTable};
 use super::errors::{file_of, message};
 use super::input::{Given, meshes};
-use super::options::{AppContext, CliError};
+use super::options::{AppContext, CliError, misfit};
 use super::output::{Output, check_folders, check_names, closing_line, outputs_of};
 use super::progress::{BatchBars, Style, tell};
 use super::provenance::{Claim, Provenance};
@@ -38,6 +38,9 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(Segme
     let edits = args.edits.read(&args.method.parts, &mut params)?;
     params.check()?;
     let misused = |text: &str| Err(CliError::Usage(text.into()));
+    if args.run.seed.is_some() && params.cluster == Cluster::Components {
+        return Err(misfit("--seed", "--cluster parts, kmeans or two-means"));
+    }
     let outputs = outputs_of(&args.output)?;
     // The default output is a PLY.
     let default = [Output::stdout()];
@@ -59,6 +62,9 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(Segme
                 "-o names a single file; for several meshes, write {} for the name of the mesh, as in -o \
                  'out/{}.seg', or leave it out: each gets MESH.segmented.ply",
             );
+        }
+        if args.json.json.as_ref().is_some_and(|path| path.to_string_lossy().contains("{}")) {
+            return misused("--json writes the reports of all meshes to one file; leave out {}, or use --json-lines");
         }
         if args.work_dir.is_some() {
             return misused("--work-dir can only be used with a single mesh; leave it out, or cut meshes one by one");

@@ -172,6 +172,9 @@ impl CorrespondArgs {
         if self.outputs().next().is_none() && self.json.json.is_none() {
             return Err(CliError::Usage("nothing to write; give -o matches.npy or another output".into()));
         }
+        if self.carry.iter().any(String::is_empty) {
+            return Err(CliError::Usage("--carry: a name is empty; separate names by single commas".into()));
+        }
         let repeated =
             |k: usize| self.carry[..k].contains(&self.carry[k]) || ["x", "y", "z"].contains(&&self.carry[k][..]);
         if let Some(k) = (0..self.carry.len()).find(|&k| repeated(k)) {

@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// Library options whose flags have the same words.
 const SAME: &str = "\
-    alternative beta boundaries cluster decision degree delta detail edits eta exact faces force hints matches \
+    alternative beta boundaries cluster decision degree delta detail edits eta exact faces force hints local matches \
     noise part_form partial refine samples sampling shard size split_faces threads tilt tiny_components transfer tree \
     turn views walls work_dir";
 /// Library options with another name on the command line, and their flags.

@@ -154,6 +154,13 @@ fn one(labels: &Path, args: &EvaluateArgs, run: &Run) -> Result<Outcome> {
     };
     let judged = fitting(&surface, labels, &own)?;
     let truths: Vec<Vec<u32>> = args.truth.iter().map(|path| read(path)).collect::<Result<_>>()?;
+    if args.mesh.is_none()
+        && !is_ply
+        && let Some((path, truth)) = args.truth.iter().zip(&truths).find(|(_, truth)| truth.len() != own.len())
+    {
+        let problem = format!("has {}, but {} has {}", counted(truth.len(), "label"), labels.display(), own.len());
+        return Err(Error::unusable(path, problem, "give labels of the same mesh"));
+    }
     let truths: Vec<Segmentation> =
         args.truth.iter().zip(&truths).map(|(path, truth)| fitting(&surface, path, truth)).collect::<Result<_>>()?;
     let each: Vec<Scores> = truths.iter().map(|truth| surface.compare(&judged, truth)).collect::<Result<_>>()?;
@@ -210,6 +217,13 @@ fn evaluate_matches(matches: &Path, mesh: &Path, truth: Option<&Path>, samples: 
         return Err(Error::unusable(matches, problem, "vertices cannot be matched by number; give --truth"));
     }
     let errors = accuracy::errors(&graph, &found, real.as_deref(), samples, run)?;
+    if errors.evaluated == 0 {
+        let (path, problem) = match truth {
+            Some(truth) if errors.unmatched == 0 => (truth, "names no true match of a sampled vertex"),
+            _ => (matches, "has no match of a sampled vertex"),
+        };
+        return Err(Error::unusable(path, problem, "give other matches, or raise --samples"));
+    }
     let mut text = format!(
         "{} scored, {} without a match\nerror / √area: mean {:.4}, median {:.4}, 90 % below {:.4}, greatest \
          {:.4}\n",

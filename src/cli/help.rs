@@ -6,6 +6,7 @@ use super::sink::{Sink, print};
 use clap::{Arg, Command};
 use clap_complete::Shell;
 use nystrom_stream::base::Error;
+use nystrom_stream::store::json;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -98,8 +99,20 @@ pub fn man(args: &ManArgs, program: Command) -> Result<(), CliError> {
     if args.markdown {
         return Ok(Sink::of(folder).write(&markdown(program))?);
     }
+    if folder.as_os_str() == "-" {
+        return Err(CliError::Usage("-: man pages are several files; give a folder".into()));
+    }
     std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
-    Ok(clap_mangen::generate_to(program, folder).map_err(Error::io(folder, "write man pages to"))?)
+    let mut program = program.disable_help_subcommand(true);
+    program.build();
+    let commands = program.get_subcommands().filter(|command| !command.is_hide_set()).cloned();
+    for command in commands.collect::<Vec<_>>().into_iter().chain([program]) {
+        let page = clap_mangen::Man::new(command);
+        let (path, mut text) = (folder.join(page.get_filename()), Vec::new());
+        page.render(&mut text).map_err(Error::io(&path, "write"))?;
+        json::publish(&path, &text)?;
+    }
+    Ok(())
 }
 
 /// The reference of all subcommands as Markdown. A group of options that an earlier subcommand also has is not

@@ -27,7 +27,7 @@ fn parse_range(text: &str) -> Result<(usize, usize), String> {
 #[command(next_help_heading = "Method")]
 pub struct MetricArgs {
     /// Form of the edge weights [default: scale-free]
-    #[arg(long = "metric", id = "metric", value_parser = choice::<Metric>())]
+    #[arg(long = "metric", id = "metric", value_name = "METRIC", value_parser = choice::<Metric>())]
     pub form: Option<Metric>,
     /// Length equivalent to turning by one radian, in the scale-free metric [default: 5]
     #[arg(long, value_name = "B")]

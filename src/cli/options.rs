@@ -126,7 +126,7 @@ impl ResourceArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Running")]
 pub struct ShownArgs {
-    /// Print nothing but errors
+    /// Print nothing but errors, and results that go to standard output
     #[arg(short, long)]
     pub quiet: bool,
     /// How progress is shown on standard error

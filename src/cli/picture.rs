@@ -2,7 +2,7 @@
 
 use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs};
-use super::output::check_extensions;
+use super::output::{Output, check_extensions};
 use super::sink::{check_is_no_stream, check_places, folder_of};
 use nystrom_stream::apps::labelled_faces::LabelledFaces;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
@@ -85,7 +85,7 @@ impl PictureArgs {
             Some(path) if ends_with(path, "png") => Ok(path.clone()),
             Some(path) => Err(CliError::Usage(format!("-o {}: pictures are PNG files; use .png", path.display()))),
             None if stdin => Err(CliError::Usage("-o: standard input has no name; give -o OUT.png".into())),
-            None => Ok(self.mesh.with_extension("png")),
+            None => Ok(self.mesh.with_file_name(format!("{}.png", Output::stem(&self.mesh)))),
         }
     }
 }

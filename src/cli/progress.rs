@@ -201,6 +201,23 @@ impl Bars {
     }
 }
 
+impl Bars {
+    /// Shows a note whose text needs no other words.
+    fn show_note(&self, text: &str) {
+        let text = &*printable::line(text);
+        match (self.style, &self.mesh) {
+            (Style::Quiet, _) => {}
+            (Style::Json, _) => self.event(json!({"note": text})),
+            // For several meshes, reused stages are not reported.
+            (_, Some(_)) if text.ends_with(": reused") => {}
+            // Most notes about a file already start with its name.
+            (_, Some((mesh, _))) if text.starts_with(&*printable::line(mesh)) => self.say(text),
+            (_, Some((mesh, _))) => self.say(&format!("{}: {text}", printable::line(mesh))),
+            (_, None) => self.say(text),
+        }
+    }
+}
+
 impl Progress for Bars {
     fn begin(&self, stage: &str, unit: &'static str, total: u64) {
         let now = Instant::now();
@@ -289,27 +306,16 @@ impl Progress for Bars {
 
     fn note(&self, text: &str) {
         self.log.note(text);
-        self.note_of_work(text);
+        self.show_note(text);
     }
 
     fn note_of_work(&self, text: &str) {
-        // Notes about a stage start with its name.
+        // Notes about a stage start with its name; those about a mesh may start with the same word as a file's name.
         let in_words = text.split_once(": ").map(|(stage, rest)| format!("{}: {rest}", words(stage)));
-        let text = match self.style {
+        self.show_note(match self.style {
             Style::Json => text,
             _ => in_words.as_deref().unwrap_or(text),
-        };
-        let text = &*printable::line(text);
-        match (self.style, &self.mesh) {
-            (Style::Quiet, _) => {}
-            (Style::Json, _) => self.event(json!({"note": text})),
-            // For several meshes, reused stages are not reported.
-            (_, Some(_)) if text.ends_with(": reused") => {}
-            // Most notes about a file already start with its name.
-            (_, Some((mesh, _))) if text.starts_with(&*printable::line(mesh)) => self.say(text),
-            (_, Some((mesh, _))) => self.say(&format!("{}: {text}", printable::line(mesh))),
-            (_, None) => self.say(text),
-        }
+        });
     }
 }
 

@@ -153,6 +153,7 @@ fn names(meshes: &[PathBuf]) -> Vec<String> {
 
 pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
     let params = params(args)?;
+    params.check()?;
     check_places(&args.meshes, None, args.plot.iter().chain(&args.csv).chain(&args.json.json))?;
     args.meshes.iter().try_for_each(|path| check_there(path))?;
     let bars = args.run.bars();

@@ -65,7 +65,9 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         }
     };
     let to = open_file(&args.to, work.path(), &run)?;
-    let result = transfer(&from, &found.labels, &to, Context::new(&work, &run))?;
+    let of = args.labels.as_ref().unwrap_or(&args.from);
+    let result = transfer(&from, &found.labels, &to, Context::new(&work, &run))
+        .map_err(|error| of_file(error, "labels", Some(of)))?;
     let facts = result.facts;
     let share = facts.uncertain as f64 / facts.faces.max(1) as f64;
     run.progress.note_of_work(&format!(
@@ -87,7 +89,6 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let (labels, quality) = (&result.labels[..], Some(&result.quality[..]));
     let labelling = Labelling { labels, colours: &colours, quality, names: &found.names };
     let results = Results { report: report.clone(), ..Results::new(labelling, args.ply.into()) };
-    let of = args.labels.as_ref().unwrap_or(&args.from);
     results.write(&outputs, Some(&to), &run).map_err(|error| of_file(error, "labels", Some(of)))?;
     Ok(args.json.publish_with(report, bars.log())?)
 }

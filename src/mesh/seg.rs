@@ -58,6 +58,7 @@ pub fn read_seg(path: &Path) -> Result<Vec<u32>> {
     each_label(
         path,
         |text| text.parse().ok(),
+        "a .seg file has one whole number of 0 or more per line, one line per face",
         |label| {
             labels.push(label);
             Ok(())
@@ -75,13 +76,16 @@ pub(crate) fn each_label_or_none(path: &Path, visit: impl FnMut(u32) -> Result<(
         let number: i64 = text.parse().ok()?;
         if number < 0 { Some(u32::MAX) } else { u32::try_from(number).ok() }
     };
-    each_label(path, parse, visit)
+    let remedy =
+        "a .seg file has one whole number per line, one line per face; negative ones for faces without a label";
+    each_label(path, parse, remedy, visit)
 }
 
-/// Calls `visit` for the labels in `path`, each as parsed by `parse`.
+/// Calls `visit` for the labels in `path`, each as parsed by `parse`; `remedy` tells what it takes.
 fn each_label(
     path: &Path,
     parse: impl Fn(&str) -> Option<u32>,
+    remedy: &str,
     mut visit: impl FnMut(u32) -> Result<()>,
 ) -> Result<()> {
     let bytes = MappedBytes::open(path)?;
@@ -98,7 +102,7 @@ fn each_label(
                 path,
                 format!("line {}", number + 1),
                 format!("{} is not a label", super::ply::header::shown(line)),
-                "a .seg file has one whole number of 0 or more per line, one line per face",
+                remedy,
             )
         })?)?;
     }

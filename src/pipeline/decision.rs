@@ -359,7 +359,8 @@ pub fn read_tree(path: &Path) -> Result<PartTree> {
 /// Parses and checks the hierarchy in `text`, the content of `path`.
 fn checked(text: &[u8], path: &Path) -> Result<PartTree> {
     let wrong = |problem: String| Error::malformed(path, "tree", problem, "write it again: stage `tree`");
-    let tree: PartTree = serde_json::from_slice(text).map_err(|error| wrong(error.to_string()))?;
+    let read = |error: serde_json::Error| wrong(format!("is no hierarchy of parts: {error}"));
+    let tree: PartTree = serde_json::from_slice(text).map_err(read)?;
     match tree.check() {
         Err(Error::Parameter { problem, .. }) => Err(wrong(problem)),
         checked => checked.map(|()| tree),

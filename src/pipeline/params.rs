@@ -349,7 +349,9 @@ impl SegmentParams {
         if wanted as u64 > faces {
             let faces = counted(faces as usize, "face");
             let problem = format!("has {faces}, fewer than the {wanted} parts requested");
-            return Err(Error::unusable(path, problem, "choose a smaller `parts`"));
+            let bounds = matches!(self.parts.count, PartCount::Between(..));
+            let remedy = if bounds { "choose smaller `parts_between`" } else { "choose a smaller `parts`" };
+            return Err(Error::unusable(path, problem, remedy));
         }
         Ok(())
     }

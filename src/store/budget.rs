@@ -30,7 +30,7 @@ impl Budget {
     }
 
     /// Half of what this process may use: the least of the machine's free memory, the limit of its control group and
-    /// the limits of the process (`ulimit -v`, `ulimit -d`); 1 GiB where none can be read.
+    /// half the limits of the process (`ulimit -v`, `ulimit -d`); 1 GiB where none can be read.
     pub fn of_machine() -> Self {
         let limit = [Self::machine_limit(), process_limit()].into_iter().flatten().min();
         Self::new(limit.map_or(1 << 30, |bytes| bytes / 2))

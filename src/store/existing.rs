@@ -12,7 +12,13 @@ impl WorkDir {
     /// # Errors
     /// [`Error::WorkDir`] when there is none, or when it is in use; [`Error::Io`].
     pub fn open_existing(path: &Path) -> Result<Self> {
-        if !path.join(MANIFEST).exists() {
+        let found = path.join(MANIFEST).try_exists();
+        if let Err(error) = found.as_ref().map_err(|error| error.kind())
+            && error == std::io::ErrorKind::PermissionDenied
+        {
+            return Err(Error::io(path, "open")(error.into()));
+        }
+        if !found.unwrap_or(false) {
             return Err(if is_of_two(path) {
                 let problem = "is a work directory of `correspond`, which holds one for each of two meshes";
                 Error::work_dir(path, problem, "choose one that `segment` or `graph` has made")

@@ -85,7 +85,7 @@ pub(crate) fn reserve_file(path: &Path, bytes: u64) -> Result<File> {
         let reserve = || {
             match fs4::FileExt::allocate(&file, bytes) {
                 Err(error) if matches!(error.kind(), ErrorKind::Unsupported) => {}
-                done => done.map_err(Error::io(path, "reserve space for"))?,
+                done => done.map_err(Error::io(path, "reserve space"))?,
             }
             file.set_len(bytes).map_err(Error::io(path, "enlarge"))
         };

@@ -74,7 +74,10 @@ impl<'a> Run<'a> {
     ) -> Result<(Run<'a>, Grant)> {
         let least = held.saturating_add(bytes).saturating_sub(beside);
         let others = bytes.saturating_mul(self.threads.saturating_sub(1) as u64);
-        let grant = self.budget.take(what, least, least.saturating_add(others))?;
+        let grant = self.budget.take(what, least, least.saturating_add(others)).map_err(|error| {
+            // One thread needs as much.
+            if self.threads <= 1 { error.with_remedy("") } else { error }
+        })?;
         Ok((self.with_threads(1 + (grant.bytes() - least) / bytes.max(1)), grant))
     }
 

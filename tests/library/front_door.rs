@@ -461,7 +461,7 @@ fn errors_name_what_was_given_and_a_remedy_that_helps() {
     let quads = Mesh::from_slices(&[[0f32; 3]; 4], &[[0, 1, 2, 3], [3, 2, 1, 0]]).unwrap();
     assert_eq!(quads.faces.face_of_corner(99), 1);
     let none = vec![UNLABELLED; mesh.faces.len()];
-    told(LabelTransfer::new().run(&mesh, &none, &mesh).map(drop), "<arrays>: none of its ");
+    told(LabelTransfer::new().run(&mesh, &none, &mesh).map(drop), "labels: no face has a label");
     told(Segmenter::new().work_dir("").run(&mesh).map(drop), "\"\": cannot ");
     told(Mesh::open("").map(drop), "\"\": cannot open: ");
     told(SamplingQuality::new().kernel(Kernel::Gaussian, -1.).run(&mesh).map(drop), "width: -1 is not a positive");

@@ -143,6 +143,7 @@ fn refusals_are_one_line_with_file_and_remedy_and_code_1() {
         (vec![word(&stl)], "stl.ply: is named as PLY, but its content is STL", "rename it to end with .stl"),
         (vec![word(&gz)], "cut.ply.gz: ", "; "),
         (vec![word(&mesh), "-k", "5"], "tetrahedron.ply: has 4 faces, fewer than the 5 parts", "choose a smaller -k"),
+        (vec![word(&mesh), "--parts-range", "5..6"], "fewer than the 5 parts", "choose smaller --parts-range"),
         (vec!["absent.ply"], "absent.ply: cannot open: ", "check the path"),
         (vec![&foreign], "foreign: holds no mesh", "choose another folder"),
         (vec![word(&mesh), "-o", word(&no_folder)], "none/x.ply: its folder ", "create it first"),
@@ -152,7 +153,7 @@ fn refusals_are_one_line_with_file_and_remedy_and_code_1() {
     ] {
         let mut all = vec!["segment", "-q"];
         all.extend(&words);
-        if !words.contains(&"-k") {
+        if !words.contains(&"-k") && !words.contains(&"--parts-range") {
             all.extend(["-k", "2"]);
         }
         let output = run(&all);
@@ -235,6 +236,14 @@ fn misuse_ends_with_code_2_and_says_what_is_right() {
         (&["segment", mesh, "--detail", "1e300"], "--detail: 1e300 is out of range"),
         (&["segment", mesh, "-k", "2", "--beta", "1e30"], "--beta: 1e30 is out of range"),
         (&["quality", mesh, "--sigma", "1e300"], "--sigma: 1e300 is not a width"),
+        // Regression: the last landmark was taken.
+        (&["quality", mesh, "-l", "3", "--local", "4"], "--local: 3 landmarks have no nearest one of number 4"),
+        // Regression: a file of that name was written.
+        (&["segment", mesh, mesh, "-o", "{}.seg", "--json={}.json"], "--json writes the reports of all meshes to one"),
+        (&["segment", mesh, "--cluster", "components", "--seed", "3"], "--seed can only be used with --cluster"),
+        // Regression: "-" became a folder.
+        (&["man", "-"], "-: man pages are several files; give a folder"),
+        (&["correspond", mesh, mesh, "--carry", ",label,", "--carried", "x.ply"], "--carry: a name is empty"),
         (&["segment", mesh, "-k", "2", "--threads", "0"], "out of range; choose from 1 to 65535"),
         (&["segment", mesh, "-k", "2", "--max-memory", "12"], "at least 1MB"),
         // Regression: it was too little.
@@ -285,8 +294,11 @@ fn threads_memory_and_order_of_work_change_no_byte() {
     ] {
         let file = |name: &str| dir.path().join(name);
         let (ply, npy, report) = (file("x.ply"), file("x.npy"), file("x.json"));
+        // Regression: pages held times and threads.
+        let page = file("x.html");
         let json = format!("--json={}", word(&report));
-        let words = [&["-q", "-k", "9", "-o", word(&ply), "-o", word(&npy), &json], options].concat();
+        let outputs = ["-o", word(&ply), "-o", word(&npy), "-o", word(&page), &json];
+        let words = [&["-q", "-k", "9"], &outputs[..], options].concat();
         segment(&mesh, &words);
         let mut report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
         for key in ["seconds", "bytes", "options"] {
@@ -294,7 +306,7 @@ fn threads_memory_and_order_of_work_change_no_byte() {
         }
         report["decision"].as_object_mut().unwrap().remove("seconds");
         reports.push(report);
-        let bytes = vec![std::fs::read(ply).unwrap(), std::fs::read(npy).unwrap()];
+        let bytes = vec![std::fs::read(ply).unwrap(), std::fs::read(npy).unwrap(), std::fs::read(page).unwrap()];
         let expected = first.get_or_insert_with(|| bytes.clone());
         assert!(*expected == bytes, "{options:?}");
         assert_eq!(reports[0], reports[reports.len() - 1], "{options:?}");

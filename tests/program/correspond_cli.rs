@@ -80,6 +80,12 @@ fn a_turned_permuted_copy_is_recognised_and_its_properties_come_back() {
         let mean = told["errors"]["mean"].as_f64().unwrap();
         assert!(mean < 0.02 && told["errors"]["evaluated"] == truth.len(), "{mean}, {right} of {} exact", truth.len());
     }
+    // Regression: with no true match at all, errors of 0.
+    let none = file("none.csv");
+    let lines: String = (0..truth.len()).map(|v| format!("{v},-1,0,0\n")).collect();
+    std::fs::write(&none, format!("vertex,match,distance,confidence\n{lines}")).unwrap();
+    let words = ["evaluate", "--matches", word(&out), "--mesh", word(&b), "--truth", word(&none)];
+    refused(&words, 1, "none.csv: names no true match of a sampled vertex");
     let told: serde_json::Value = serde_json::from_slice(&std::fs::read(file("r.json")).unwrap()).unwrap();
     assert!(told["alignments"][0]["orientation"].as_f64().unwrap() > 0.5, "{told}");
     // Regression: areas were in units of the squared diagonal. The copy is three times as large.

@@ -133,6 +133,11 @@ fn what_is_wrong_is_said_in_one_line() {
     for (arguments, expected, part) in [
         ("evaluate short.seg --mesh 1.ply --truth 1_0.seg", 1, "short.seg: has 2 labels for 240 faces"),
         ("evaluate ours/1.seg --mesh 1.ply --truth 2_0.seg", 1, "2_0.seg: has 360 labels"),
+        (
+            "evaluate short.seg --truth 1_0.seg",
+            1,
+            "1_0.seg: has 240 labels, but short.seg has 2; give labels of the same",
+        ),
         ("evaluate ours/1.seg --mesh 1.ply --truth none.seg", 1, "none.seg"),
         ("evaluate 1.ply --truth 1_0.seg", 1, "no face property `label`"),
         // Regression: both ended with 1, the second only after the labels had been read.

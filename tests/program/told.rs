@@ -1,6 +1,6 @@
 //! What is told of parts and of batches: which parts most people would not have, tables whose columns are aligned, names once.
 
-use crate::common::{self, errors, ok, run, segment, word, zoo};
+use crate::common::{self, errors, ok, program, run, segment, word, zoo};
 use serde_json::Value;
 use std::path::Path;
 
@@ -164,4 +164,17 @@ fn notes_about_the_mesh_are_in_reports_too() {
     is_told(&errors(&output), &report(&json));
     let output = run(&["graph", word(&mesh), "--work-dir", word(&work), &ask]);
     is_told(&errors(&output), &report(&json));
+}
+
+/// Regression: of a mesh with the name of a stage, notes named the stage in other words.
+#[test]
+fn notes_about_a_file_name_it() {
+    let dir = common::in_memory();
+    let mesh = dir.path().join("cells");
+    std::fs::copy(common::creature(dir.path(), 1_000, false), &mesh).unwrap();
+    let mut bytes = std::fs::read(&mesh).unwrap();
+    bytes.extend([7; 8]);
+    std::fs::write(&mesh, bytes).unwrap();
+    let output = program().args(["segment", "cells", "-k", "2"]).current_dir(dir.path()).output().unwrap();
+    assert!(errors(&output).contains("cells: ignored 8 bytes after the last element"), "{}", errors(&output));
 }

@@ -4,6 +4,7 @@ use super::data::{Edit, Edits, Place, whole};
 use crate::base::{Error, Result};
 use crate::store::json;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use serde_json::Value;
 use serde_json::value::RawValue;
 use std::path::Path;
@@ -32,7 +33,7 @@ struct Head {
     bounds: Option<[[f64; 3]; 2]>,
     /// For people only.
     #[serde(default, rename = "mesh")]
-    _mesh: Option<String>,
+    _mesh: IgnoredAny,
     // As text: a table of fields would keep the last of two of a name.
     edits: Vec<Box<RawValue>>,
 }
@@ -69,6 +70,9 @@ impl Edits {
         let form = "see docs/edits.md for the format";
         // Some editors begin each file with a byte order mark.
         let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
+        if text.trim_ascii().is_empty() {
+            return Err(Error::unusable(path, "is empty", form));
+        }
         // Derived code takes a list for the fields of the head, one after the other, and its message confuses.
         if text.trim_ascii_start().starts_with(b"[") {
             let remedy = format!(r#"write {{"format": "{FORMAT}", "version": {VERSION}, "edits": […]}} around it"#);
@@ -102,7 +106,8 @@ impl Edits {
                 // The line is one of this edit, not of the file.
                 let text = text.rsplit_once(" at line ").map_or(&text[..], |(text, _)| text);
                 let places = text.contains("untagged enum Place");
-                wrong(if places { "a place is neither [x, y, z] nor the number of a face" } else { text })
+                let text = text.replace("expected a sequence", "expected a list");
+                wrong(if places { "a place is neither [x, y, z] nor the number of a face" } else { &text })
             })?;
             edits.edits.push(edit);
         }
@@ -272,7 +277,8 @@ mod tests {
     fn errors_about_all_edits_name_them_once() {
         let head = |more: &str| format!(r#"{{"format": "nystrom-stream edits", "version": 1, {more}, "edits": []}}"#);
         for (text, told) in [
-            (String::new(), "is not a list of edits: EOF"),
+            (String::new(), "is empty; see docs/edits.md"),
+            ("{".into(), "is not a list of edits: EOF"),
             // Regression: "is not a list of edits: invalid type: map, expected a string" was said of a list of edits.
             (r#" [{"edit": "split", "at": 0}]"#.into(), "is a bare list; write {\"format\": \"nystrom-stream edits\""),
             ("[]".into(), "is a bare list"),

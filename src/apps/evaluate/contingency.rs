@@ -2,7 +2,7 @@
 //!
 //! Labels may be any `u32`: they are numbered by ascending value first. Rand index, Hamming distance and consistency
 //! errors are those of Chen, Golovinskiy, Funkhouser, *A Benchmark for 3D Mesh Segmentation*, 2009, section 4: 0 for
-//! equal labellings, below 1, lower is better. [`matches`] is the share of faces labelled correctly after parts are
+//! equal labellings, at most 1, lower is better. [`matches`] is the share of faces labelled correctly after parts are
 //! renamed to fit the truth. Cost: two passes over each labelling, about 5 ns per face; memory: a table of parts ×
 //! parts, or a hash map of the non-empty cells if that table would be larger than the labels (then 200 ns per face).
 

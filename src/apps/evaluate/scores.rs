@@ -11,7 +11,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::sync::Arc;
 
-/// The metrics of labels against a truth; 0 means equal, lower is better, all except the cut discrepancy are below 1.
+/// The metrics of labels against a truth; 0 means equal, lower is better, all except the cut discrepancy are at most 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Scores {
     /// 1 − Rand index over pairs of faces.

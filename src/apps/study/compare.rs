@@ -13,6 +13,7 @@
 use super::data::StudyData;
 use crate::base::error::LESS_WORK;
 use crate::base::printable::Significant;
+use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::distance::front::{Front, mean_weight};
 use crate::distance::sampler::VisitCount;
@@ -101,7 +102,8 @@ impl CompareParams {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for no or 0 landmarks, no sampling, no seed, or a width that is not positive.
+    /// [`Error::Parameter`] for no or 0 landmarks, no sampling, no seed, a width that is not positive, or a local width
+    /// by more landmarks than there are.
     pub fn check(&self) -> Result<()> {
         let refused = |name: &str, problem: &str, remedy: &str| Err(Error::parameter(name, problem, remedy));
         if self.landmarks.is_empty() || self.landmarks.contains(&0) {
@@ -118,6 +120,13 @@ impl CompareParams {
         {
             let problem = format!("{} is not a positive number", Significant(factor));
             return refused("width", &problem, "give a number of mean distances");
+        }
+        let least = self.landmarks.iter().copied().min().unwrap_or(0);
+        if let StudyWidth::Local(q) = self.width
+            && !(1..=least).contains(&q)
+        {
+            let problem = format!("{} have no nearest one of number {q}", counted(least, "landmark"));
+            return refused("local", &problem, &format!("choose from 1 to {least}"));
         }
         self.kernel.check()
     }

@@ -139,7 +139,7 @@ pub fn one_to_text(record: &SampleRecord) -> String {
     };
     let (landmarks, nodes) = (counted(record.l, "landmark"), counted(record.nodes, "node"));
     tell("sampling", format!("{}, {landmarks} of {nodes}", record.sampling.name()));
-    tell("search", format!("{:.1} fronts besides the {} rows", record.search_fronts, record.l));
+    tell("search", format!("{:.1} fronts besides {}", record.search_fronts, counted(record.l, "row")));
     tell("σ", record.sigma.map_or("local".into(), |sigma| format!("{:.6}", Significant(sigma))));
     tell("Γ", format!("{:.6}", m.gamma));
     tell("Γ/n", format!("{:.6}", m.gamma_per_node));

@@ -144,12 +144,12 @@ fn has_opposite_normals(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] for labels that do not match `from`; [`Error::Unusable`] if no face of `from` has one, or most
-/// of `to` lies far from `from`; [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
+/// [`Error::Parameter`] for labels that do not match `from`, or if no face has one; [`Error::Unusable`] if most of `to`
+/// lies far from `from`; [`Error::Memory`], [`Error::Io`], [`Error::Cancelled`].
 pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) -> Result<Transferred> {
     Labelling::of(labels).fit(from.faces.len())?;
     if labels.iter().all(|&label| label == UNLABELLED) {
-        return Err(Error::unusable(from.path(), "none of its faces has a label", "label them first"));
+        return Err(Error::parameter("labels", "no face has a label", "label some first"));
     }
     let (m, n) = (from.faces.len(), to.faces.len());
     let (from, to) = (&from.without_strays(context.run)?, &to.without_strays(context.run)?);
