@@ -116,6 +116,11 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
         }
     }
     let header = header::parse(path, if compressed { &head } else { &bytes })?;
+    size_of_ply(path, &header, bytes.len() as u64, compressed)
+}
+
+/// The size of the mesh in the PLY file `path` of `len` bytes with this `header`.
+fn size_of_ply(path: &Path, header: &header::Header, len: u64, compressed: bool) -> Result<MeshSize> {
     let count =
         |name: &str| header.elements.iter().find(|element| element.is(name)).map(|element| element.count as u64);
     let Some(vertices) = count("vertex") else {
@@ -124,32 +129,42 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
     // An empty face element may precede one of strips.
     let some = |name: &str| count(name).filter(|&faces| faces > 0);
     let listed = some("face");
-    let in_strips = || some("tristrips").map(|strips| strips.max(faces_of_strips(&header, bytes.len() as u64)));
+    let in_strips = || some("tristrips").map(|strips| strips.max(faces_of_strips(header, len)));
     let Some(faces) = listed.or_else(in_strips) else { return Err(no_faces(path)) };
     if u32::try_from(vertices).is_err() {
         return Err(too_many_vertices(path));
     }
     if compressed {
-        check_compressed(&header, bytes.len() as u64, path)?;
+        check_compressed(header, len, path)?;
     } else {
-        header.check_counts(path, bytes.len())?;
+        header.check_counts(path, len as usize)?;
     }
-    let triangles = faces.saturating_mul(3);
-    let shown = if compressed || listed.is_none() { None } else { corners_of_binary(&header, bytes.len() as u64) };
-    let corners = shown.unwrap_or(triangles);
+    let shown = if compressed || listed.is_none() { None } else { corners_of_binary(header, len) };
     let likely = shown.unwrap_or_else(|| likely_corners(vertices, faces));
-    let kept = |in_place: bool, bytes: u64| if in_place { 0 } else { bytes };
-    let spooled = kept(!compressed, least_bytes(&header).saturating_add(likely.saturating_mul(4)));
-    let starts = kept(likely == triangles, 8 * faces.saturating_add(1));
-    let listed_in_place = header.encoding == Encoding::Little && likely == triangles && has_lists_of(&header, 4);
-    let lists = kept(listed_in_place, likely.saturating_mul(4).saturating_add(starts));
-    let places = match axes(&header) {
+    let spooled = if compressed { least_bytes(header).saturating_add(likely.saturating_mul(4)) } else { 0 };
+    Ok(MeshSize {
+        faces,
+        vertices,
+        corners: shown.unwrap_or(faces.saturating_mul(3)),
+        decoded: spooled.saturating_add(arrays(header, [vertices, faces, likely])),
+        strips: listed.is_none(),
+    })
+}
+
+/// Bytes of the arrays that decoding a file with this `header` writes, with these numbers of vertices, faces and
+/// corners.
+fn arrays(header: &header::Header, [vertices, faces, corners]: [u64; 3]) -> u64 {
+    let triangles = corners == faces.saturating_mul(3);
+    let places = match axes(header) {
         Axes::InPlace => 0,
         Axes::Single => 12 * vertices,
         Axes::Double => 24 * vertices,
     };
-    let decoded = spooled.saturating_add(places).saturating_add(lists);
-    Ok(MeshSize { faces, vertices, corners, decoded, strips: listed.is_none() })
+    if triangles && header.encoding == Encoding::Little && has_lists_of(header, 4) {
+        return places;
+    }
+    let starts = if triangles { 0 } else { faces.saturating_add(1).saturating_mul(8) };
+    places.saturating_add(corners.saturating_mul(4)).saturating_add(starts)
 }
 
 /// The least number of bytes that the data after `header` take.
@@ -224,7 +239,7 @@ fn axes(header: &header::Header) -> Axes {
 fn likely_corners(vertices: u64, faces: u64) -> u64 {
     let triangles = faces.saturating_mul(3);
     let all = if vertices >= triangles { vertices } else { vertices.saturating_add(faces).saturating_mul(2) };
-    if all < triangles + triangles / 16 { triangles } else { all.min(faces.saturating_mul(4)) }
+    if all < triangles.saturating_add(triangles / 16) { triangles } else { all.min(faces.saturating_mul(4)) }
 }
 
 #[cfg(test)]
@@ -269,6 +284,10 @@ mod tests {
         packed.write_all(header("").replace("face 2", "face 2000000000").as_bytes()).unwrap();
         std::fs::write(&path, packed.finish().unwrap()).unwrap();
         assert!(size_of_mesh(&path).unwrap_err().to_string().contains("bytes of gzip hold at most"));
+        // Faces without properties take no bytes.
+        let empty = "ply\nformat ascii 1.0\nelement vertex 0\nelement face 18446744073709551615\nend_header\n";
+        std::fs::write(&path, empty).unwrap();
+        assert_eq!(size_of_mesh(&path).unwrap().decoded, u64::MAX);
         std::fs::write(&path, header("").replace("face 2", "face 2000") + body).unwrap();
         assert!(size_of_mesh(&path).unwrap_err().to_string().contains("2000 records need at least"));
     }
