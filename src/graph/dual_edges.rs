@@ -138,8 +138,8 @@ impl EdgesWriter {
         Ok(Self {
             starts: RowStartsWriter::create(form, nodes, work)?,
             indices: work.writer_of(INDICES, 1, entries)?,
-            centroid_distance: work.writer(CENTROID_DISTANCES, 1)?,
-            edge: kept.then(|| work.writer(EDGES, 1)).transpose()?,
+            centroid_distance: work.writer_of(CENTROID_DISTANCES, 1, entries)?,
+            edge: kept.then(|| work.writer_of(EDGES, 1, entries)).transpose()?,
             mixed: false,
         })
     }
