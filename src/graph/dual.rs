@@ -43,16 +43,16 @@ pub struct GraphFacts {
     pub edges: u64,
     /// Mesh edges with one face, after welding.
     pub boundary_edges: u64,
-    /// Edges joined because they lie at exactly the same position.
+    /// Edges of three faces or more.
     pub nonmanifold_edges: u64,
     /// Open edges joined to others at exactly the same position.
     pub welded_edges: u64,
     /// Faces without area or with a non-finite coordinate.
     pub degenerate_faces: u64,
-    /// Faces that lie exactly where an earlier face lies, in either winding. They count as having no area.
-    pub duplicate_faces: u64,
     /// Those among them with a non-finite coordinate.
     pub nonfinite_faces: u64,
+    /// Faces that lie exactly where an earlier face lies, in either winding. They count as having no area.
+    pub duplicate_faces: u64,
     /// Vertices far outside the rest, which were moved to the mean of their neighbours.
     pub stray_vertices: u64,
     /// Faces whose normals were flipped, because their winding contradicts their component's or points inwards;

@@ -52,9 +52,9 @@ impl NonmanifoldEdges {
     #[cold]
     fn add(&self, mesh: &Mesh, corners: impl Iterator<Item = u32>) {
         self.edges.fetch_add(1, Relaxed);
-        let mut faces: Vec<usize> = corners.map(|corner| mesh.faces.face_of_corner(corner as usize)).collect();
-        faces.dedup();
-        let mut places: Vec<Option<Place>> = faces.into_iter().map(|face| mesh.place_of(face)).collect();
+        let mut corners: Vec<usize> = corners.map(|corner| corner as usize).collect();
+        corners.dedup_by_key(|corner| mesh.faces.face_of_corner(*corner));
+        let mut places: Vec<Option<Place>> = corners.into_iter().map(|corner| mesh.place_at_edge(corner)).collect();
         places.sort_unstable();
         let (mut sides, mut is_mixed) = (0, false);
         for same in places.chunk_by(|a, b| a.is_some() && a == b) {
@@ -115,6 +115,32 @@ mod tests {
         let welded = NonmanifoldEdges::default();
         [[0, 6], [0, 1], [1, 3]].iter().for_each(|[a, b]| welded.count_welded(&mesh, [3 * a, 3 * b].into_iter()));
         assert_eq!((welded.edges(), welded.duplicate_sides().rim), (0, 2));
+    }
+
+    /// Regression: at each edge of three faces all corners of polygons were hashed: a polygon of 20,000 corners within
+    /// a tube took minutes.
+    #[test]
+    fn sides_of_long_polygons_are_told_apart_by_what_is_beside_the_edge() {
+        let n = 50u32;
+        let at = |k: u32| [f64::from(k % n), f64::from(k % n).powi(2), f64::from(k / n)];
+        let points: Vec<[f64; 3]> = (0..2 * n).map(at).collect();
+        let ring: Vec<u32> = (0..n).collect();
+        let mut other = ring.clone();
+        other[3] = n;
+        let triangle = |a: u32, b: u32| vec![a, b, n + a];
+        let faces = [ring.clone(), ring.iter().rev().copied().collect(), other, triangle(0, 1), triangle(2, 3)];
+        let mesh = Mesh::from_slices(&points, &faces).unwrap();
+        let of = |corners: &[u32]| {
+            let counts = NonmanifoldEdges::default();
+            counts.count(&mesh, corners.iter().copied());
+            counts.duplicate_sides()
+        };
+        // The edge from 0 to 1: corner 0 of the first, n − 2 of the second, which runs backwards.
+        let sides = |inner, mixed| DuplicateSides { inner, mixed, rim: 0 };
+        assert_eq!(of(&[0, n + n - 2, 3 * n]), sides(0, 1));
+        // From 2 to 3, which the third polygon lacks.
+        assert_eq!(of(&[2, n + n - 4, 3 * n + 3]), sides(0, 1));
+        assert_eq!(of(&[2, 2 * n + 2, 3 * n + 3]), sides(0, 0));
     }
 
     #[test]

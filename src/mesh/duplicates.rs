@@ -10,6 +10,9 @@ use crate::base::vector::finite;
 use crate::store::MappedSlice;
 use xxhash_rust::xxh3::xxh3_128;
 
+/// Maximum number of corners that are hashed at each edge.
+const LONG: usize = 32;
+
 /// A hash of the positions of a face's corners, in whatever order.
 pub(crate) type Place = [u32; 3];
 
@@ -48,6 +51,21 @@ impl Mesh {
                 _ => hash(&mut corners.iter().map(at).collect::<Vec<_>>()),
             }
         })
+    }
+
+    /// The place of the face with this `corner`, or for a long polygon a stand-in: the same for all of as many corners
+    /// that have the same positions at the edge that leaves `corner` and beside it. Hashing all corners at each edge
+    /// would take time quadratic in their number.
+    pub(crate) fn place_at_edge(&self, corner: usize) -> Option<Place> {
+        let face = self.faces.face_of_corner(corner);
+        let range = self.faces.corner_range(face);
+        if range.len() <= LONG {
+            return self.place_of(face);
+        }
+        let (slot, count) = (corner - range.start, range.len());
+        let beside = [count - 1, 0, 1, 2].map(|step| (slot + step) % count);
+        let mut at = self.faces.with(face, |corners| beside.map(|k| self.positions.get(corners[k]).map(|x| x + 0.)));
+        hash(&mut at).map(|[a, b, c]| [a ^ count as u32, b, c])
     }
 
     /// Whether the triangles with the corners `a` and `b`, from which the same edge leaves, lie in the same place.
