@@ -11,6 +11,7 @@
 use super::front::GATHER;
 use super::paging::SHIFT;
 use super::queue::{Entry, Queue};
+use super::steps::LONG_ROW;
 use super::ties::Ties;
 use crate::graph::Csr;
 use crate::store::mapped::will_need;
@@ -151,7 +152,11 @@ pub(super) fn front<O: Label>(
                 // A stale entry, lowered since it was pushed, is useless: a later entry does the work.
                 let useful = block.field[node as usize] >= distance;
                 let (row, own) = (first as u32 + node, block.label[node as usize]);
-                let most = count + graph.span(row).len();
+                let edges = graph.span(row).len();
+                if edges > LONG_ROW && !useful {
+                    continue;
+                }
+                let most = count + edges;
                 if most > shorter.len() {
                     shorter.resize(most + 4 * GATHER, Message { node: 0, distance: 0., label: own });
                 }

@@ -15,7 +15,7 @@
 
 use super::paging::{Paged, Pager, Pages};
 use super::queue::{Entry, Queue};
-use super::steps::{FAR, Packed, Plain, Steps, look_ahead, warm_up};
+use super::steps::{FAR, LONG_ROW, Packed, Plain, Steps, look_ahead, warm_up};
 use super::ties::Ties;
 use crate::base::{Cancel, Result};
 use crate::graph::csr::SampledMean;
@@ -440,7 +440,11 @@ impl Front {
                     // A stale entry, lowered since it was pushed, is useless: a later entry does the work.
                     let useful = field[node as usize] >= distance;
                     visits.expanded += u64::from(useful);
-                    let most = count + steps.count(node);
+                    let edges = steps.count(node);
+                    if edges > LONG_ROW && !useful {
+                        continue;
+                    }
+                    let most = count + edges;
                     if most > relaxations.len() {
                         relaxations.resize(most + 4 * GATHER, Relaxation::default());
                     }

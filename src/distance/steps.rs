@@ -25,7 +25,12 @@ pub(super) trait Steps: Copy {
     /// The number of edges of a node, or an upper bound.
     fn count(self, node: u32) -> usize;
     /// Calls `visit` with neighbours and weights.
-    fn each(self, node: u32, visit: impl FnMut(u32, f32));
+    #[inline(always)]
+    fn each(self, node: u32, visit: impl FnMut(u32, f32)) {
+        self.first(node, usize::MAX, visit);
+    }
+    /// The same for the first `most` of a row of more than three.
+    fn first(self, node: u32, most: usize, visit: impl FnMut(u32, f32));
 }
 
 impl Steps for Csr<'_> {
@@ -45,8 +50,8 @@ impl Steps for Csr<'_> {
     }
 
     #[inline(always)]
-    fn each(self, node: u32, mut visit: impl FnMut(u32, f32)) {
-        for (next, weight) in self.neighbours(node) {
+    fn first(self, node: u32, most: usize, mut visit: impl FnMut(u32, f32)) {
+        for (next, weight) in self.neighbours(node).take(most) {
             visit(next, weight);
         }
     }
@@ -83,10 +88,10 @@ impl Steps for Plain<'_> {
     }
 
     #[inline(always)]
-    fn each(self, node: u32, mut visit: impl FnMut(u32, f32)) {
+    fn first(self, node: u32, most: usize, mut visit: impl FnMut(u32, f32)) {
         let span = self.span(node);
         let (next, weights) = (&self.csr.indices[span.clone()], &self.csr.weights[span]);
-        for k in 0..next.len() {
+        for k in 0..next.len().min(most) {
             visit(next[k], weights[k]);
         }
     }
@@ -116,7 +121,7 @@ impl Steps for Packed<'_> {
     }
 
     #[inline(always)]
-    fn each(self, node: u32, mut visit: impl FnMut(u32, f32)) {
+    fn first(self, node: u32, most: usize, mut visit: impl FnMut(u32, f32)) {
         match self.triangles[node as usize].steps() {
             Some((next, weights)) => {
                 visit(next[0], weights[0]);
@@ -125,7 +130,7 @@ impl Steps for Packed<'_> {
             }
             None => {
                 let (next, weights) = many(self.csr, node);
-                for k in 0..next.len() {
+                for k in 0..next.len().min(most) {
                     visit(next[k], weights[k]);
                 }
             }
@@ -154,6 +159,10 @@ pub(super) fn warm_up(batch: &[Entry], graph: impl Steps, field: &[f32]) {
     }
 }
 
+/// Neighbours of a node that are prefetched, and from which on its row is not walked for a stale entry: a polygon among
+/// many small faces is lowered as often as it has neighbours, which took time quadratic in their number.
+pub(super) const LONG_ROW: usize = 16;
+
 /// The three stages of prefetching, for the entries after the `k`-th.
 #[inline(always)]
 pub(super) fn look_ahead(batch: &[Entry], k: usize, graph: impl Steps, field: &[f32]) {
@@ -165,6 +174,6 @@ pub(super) fn look_ahead(batch: &[Entry], k: usize, graph: impl Steps, field: &[
         graph.prefetch_entries(entry.node);
     }
     if let Some(entry) = batch.get(k + NEAR) {
-        graph.each(entry.node, |next, _| prefetch(field, next as usize));
+        graph.first(entry.node, LONG_ROW, |next, _| prefetch(field, next as usize));
     }
 }
