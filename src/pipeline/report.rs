@@ -46,7 +46,7 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gamma_per_face: Option<f64>,
     /// Radius, in units of √(area), of the normals used for measuring turning; 0: the faces' own.
-    pub normal_radius: f32,
+    pub normal_radius: f64,
     /// Faces of components too small to be parts of their own.
     pub tiny_component_faces: u64,
     /// The part of the tiny components ([`super::TinyComponents::Own`]).
@@ -170,7 +170,8 @@ impl Report {
             negative_mass: numbers.negative_mass,
             gamma: has_gamma.then_some(numbers.gamma),
             gamma_per_face: has_gamma.then_some(numbers.gamma_per_node),
-            normal_radius: numbers.radius,
+            // As in text, not as the nearest number of single precision: pages and reports then agree.
+            normal_radius: (f64::from(numbers.radius) * 1e6).round() / 1e6,
             tiny_component_faces: numbers.tiny_faces,
             tiny_components_label: numbers.tiny_components_label,
             walls_label: numbers.walls_label,
