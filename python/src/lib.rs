@@ -42,7 +42,10 @@ const WORDS: [(&str, &str); 8] = [
     ("`memory`", "`max_memory`"),
     ("`temporary_folder`", "`tmp`"),
     ("`force`", "force=True"),
-    (".npy, .obj or .glb (.png and .parquet with their features)", ".npy, .obj, .glb, .parquet, .csv, .png or .html"),
+    (
+        ".npy, .obj or .glb (.png, .parquet and, for a segmentation, .html with their features)",
+        ".npy, .obj, .glb, .parquet, .csv, .png or .html",
+    ),
 ];
 
 /// A message of the library in the words of this module.

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+import trimesh
 from test_segment import dumbbell
 
 import nystrom_stream
@@ -208,3 +209,45 @@ def test_a_plan_is_the_programs_report(tmp_path):
         nystrom_stream.plan(path, parts=100_000)
     with pytest.raises(ValueError, match="landmarks: -3 is too small"):
         nystrom_stream.plan(path, landmarks=-3)
+
+
+def test_paths_mean_the_same_wherever_the_process_is(tmp_path, monkeypatch):
+    """Regression: after os.chdir, an OBJ was saved with the vertices of another file of that name, and a work directory was one of
+    another mesh."""
+    for name, factor in (("a", 1), ("b", 5)):
+        (tmp_path / name).mkdir()
+        box = trimesh.creation.box(extents=(factor, 2 * factor, 3 * factor))
+        box.export(tmp_path / name / "m.obj")
+    monkeypatch.chdir(tmp_path / "a")
+    cut = nystrom_stream.segment("m.obj", parts=2, work_dir="w")
+    monkeypatch.chdir(tmp_path / "b")
+    cut.save("y.obj")
+    assert np.abs(trimesh.load(tmp_path / "b" / "y.obj", process=False, force="mesh").vertices).max() < 2
+    assert len(cut.edit([{"edit": "merge", "at": [0, len(cut.labels) - 1]}])) >= 1
+
+
+def test_edits_that_cannot_be_written_leave_the_file_as_it_was(tmp_path, monkeypatch):
+    cut = nystrom_stream.segment(trimesh.creation.icosphere(), parts=2)
+    path = tmp_path / "e.json"
+    cut.save_edits(path)
+    before = path.read_text()
+    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
+    with pytest.raises(OSError):
+        cut.save_edits(path)
+    assert path.read_text() == before and os.listdir(tmp_path) == ["e.json"]
+
+
+def test_empty_paths_and_matches_that_are_none_are_refused(tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    for option in ("work_dir", "tmp"):
+        with pytest.raises(ValueError, match=f"{option}: an empty text is no path"):
+            nystrom_stream.segment(ball, parts=2, **{option: ""})
+    m = nystrom_stream.Correspondence(np.array([0.5, 1]), np.zeros(2, np.float32), np.ones(2, np.float32), {})
+    with pytest.raises(TypeError, match="matches: 1 dimensions of float64"):
+        m.save(tmp_path / "m.npy")
+    m.matches = np.array([-5, 1])
+    with pytest.raises(ValueError, match="matches: -5 is no vertex of B"):
+        m.save(tmp_path / "m.npy")
+    m.matches = np.ma.masked_array([3, 1], mask=[True, False])
+    m.save(tmp_path / "m.csv")
+    assert "0,-1," in (tmp_path / "m.csv").read_text()

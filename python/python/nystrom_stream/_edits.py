@@ -31,7 +31,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def as_edits(edits: Any) -> dict[str, Any]:
     """The content of a file of edits as a dict: from a path, such a dict, or a list of edits."""
-    if isinstance(edits, (str, os.PathLike)):
+    if isinstance(edits, (str, bytes, os.PathLike)):
         # Some editors begin each file with a byte order mark.
         with open(edits, encoding="utf-8-sig") as file:
             try:
@@ -80,7 +80,7 @@ def as_hints(hints: Union[ArrayLike, str, None], mesh: _native.Mesh) -> Optional
 def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str], list[str]]:
     """Names of parts, which must be lines of text, of `parts` parts if that is known: from a dict by part, a list, or the path of a
     table."""
-    if isinstance(names, (str, os.PathLike)):
+    if isinstance(names, (str, bytes, os.PathLike)):
         # By part: it adds to the names that edits gave, as with the program.
         names = {part: name for part, name in enumerate(_native.read_names(names)) if name}
     by_part = hasattr(names, "keys")

@@ -57,6 +57,8 @@ def real(name: str, value: Any) -> float:
     """The number that option `name` has, which must be finite."""
     try:
         number = float(value)
+    except OverflowError:
+        raise ValueError(f"{name}: the number is out of range") from None
     except (TypeError, ValueError):
         raise TypeError(f"{name}: {value!r} is not a number") from None
     if not np.isfinite(number):
@@ -83,9 +85,12 @@ def pair(name: str, value: Any) -> tuple[int, int]:
 def as_path(name: str, value: Any) -> str:
     """The path that option `name` has: a text, bytes, or anything with a path."""
     try:
-        return os.fsdecode(value)
+        path = os.fsdecode(value)
     except TypeError:
         raise TypeError(f"{name}: {value!r} is not a path") from None
+    if not path:
+        raise ValueError(f"{name}: an empty text is no path; leave it out, or give one")
+    return path
 
 
 def unmasked(name: str, values: Any, instead: Optional[int] = None) -> Any:
@@ -224,7 +229,8 @@ def as_mesh(mesh: MeshLike, faces: Any = None, run: Run = DEFAULT) -> _native.Me
         own: _native.Mesh = mesh._as_mesh()
         return own
     if isinstance(mesh, (str, bytes, os.PathLike)):
-        return _native.Mesh.open(os.fsdecode(mesh), *run)
+        # Absolute, since the file is looked at again later, wherever the process is by then; dots stay, as links may precede them.
+        return _native.Mesh.open(os.path.join(os.getcwd(), os.fsdecode(mesh)), *run)
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         return from_arrays(*mesh)
     if hasattr(mesh, "geometry") and hasattr(mesh, "dump"):

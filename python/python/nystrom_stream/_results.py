@@ -3,6 +3,7 @@ arrays."""
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import html
 import json
@@ -16,11 +17,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._edits import Edits, Names, as_edits, as_names, protects, started, started_from, text_of
-from ._meshes import Path, Progress, as_colours, as_labels, as_path, flag, number_parts, packed, part_number, whole
+from ._meshes import (
+    MOST, Path, Progress, as_colours, as_labels, as_path, flag, listed, number_parts, packed, part_number, unmasked, whole
+)
 
 if TYPE_CHECKING:
     import pyvista
     import trimesh
+
+
+def publish(path: str, text: str) -> None:
+    """Writes `text` to the file `path`, which is as it was if that fails; directly to what is no file, as a pipe."""
+    if os.path.exists(path) and not os.path.isfile(path):
+        with open(path, "w", encoding="utf-8") as file:
+            file.write(text)
+        return
+    path = os.path.realpath(path)
+    partial = f"{path}.partial"
+    try:
+        with open(partial, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.replace(partial, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(partial)
+        raise
 
 
 class _OfMesh:
@@ -111,25 +132,28 @@ class _Labelled(_OfMesh):
         import trimesh
 
         triangles, face = self._mesh.triangles()
-        labels = self.labels[face]
+        labels = as_labels(self.labels, self._mesh.faces)[face]
         mesh = trimesh.Trimesh(self.vertices, triangles, face_colors=self.colours[labels], process=False,
                                face_attributes={"label": labels})
         mesh.metadata["part_names"] = list(self._names)
         return mesh
 
     def to_pyvista(self) -> pyvista.PolyData:
-        """A pyvista.PolyData with `label`, `quality` and `RGB` on its cells."""
+        """A pyvista.PolyData with `label`, `quality` and `RGB` on its cells, and the names of the parts in `field_data["part_names"]`; letters
+        beyond ASCII, which VTK does not take there, are escaped."""
         import pyvista
+
+        labels = as_labels(self.labels, self._mesh.faces)
 
         starts, corners = self._mesh.polygons()
         counts = np.diff(starts).astype(np.int64)
         mesh = pyvista.PolyData(self.vertices, np.insert(corners.astype(np.int64), starts[:-1].astype(np.int64), counts))
-        mesh.cell_data["label"] = self.labels
-        mesh.cell_data["RGB"] = self.colours[self.labels]
+        mesh.cell_data["label"] = labels
+        mesh.cell_data["RGB"] = self.colours[labels]
         if self.quality is not None:
             mesh.cell_data["quality"] = self.quality
         if any(self._names):
-            mesh.field_data["part_names"] = self._names
+            mesh.field_data["part_names"] = [name.encode("ascii", "backslashreplace").decode() for name in self._names]
         return mesh
 
 
@@ -190,7 +214,7 @@ class Segmentation(_Labelled):
         names of "name" edits; names that were assigned are dropped, since numbers of parts change. Raises ValueError for an edit that
         cannot be applied, naming it, and unless cluster="parts".
         """
-        whole = isinstance(edits, (str, os.PathLike)) or isinstance(edits, Mapping) and "edits" in edits
+        whole = isinstance(edits, (str, bytes, os.PathLike)) or isinstance(edits, Mapping) and "edits" in edits
         told = as_edits(edits)
         if whole:
             return cut_mesh(self._mesh, started_from(self._options, told), told, progress)
@@ -237,8 +261,7 @@ class Segmentation(_Labelled):
         """Writes the edits as a file for `nystrom-stream segment --edits` and `edit`. Names are in it if "name" edits gave them."""
         box = _native.edits_box(self._mesh)
         head: dict[str, Any] = {} if box is None else {"box": box}
-        with open(path, "w", encoding="utf-8") as file:
-            file.write(text_of({**head, **self._start(), **as_edits(self._edits or [])}) + "\n")
+        publish(as_path("path", path), text_of({**head, **self._start(), **as_edits(self._edits or [])}) + "\n")
 
     @property
     def tree(self) -> Optional[dict[str, Any]]:
@@ -365,7 +388,13 @@ class Correspondence:
         """Writes the matches as .npy, .csv or .parquet. Raises ValueError for another extension, OSError."""
         if not len(self.matches) == len(self.distances) == len(self.confidence):
             raise ValueError("matches, distances and confidence differ in length")
-        _native.save_matches(packed(self.matches, np.int64), packed(self.distances, np.float32), packed(self.confidence, np.float32),
+        matches = listed("matches", unmasked("matches", self.matches, -1))
+        if matches.ndim != 1 or not np.issubdtype(matches.dtype, np.integer):
+            raise TypeError(f"matches: {matches.ndim} dimensions of {matches.dtype}; give a vertex of B for each of A, or -1")
+        if len(matches) and (matches.min() < -1 or matches.max() >= MOST):
+            wrong = matches.min() if matches.min() < -1 else matches.max()
+            raise ValueError(f"matches: {wrong} is no vertex of B; give -1 for none")
+        _native.save_matches(packed(matches, np.int64), packed(self.distances, np.float32), packed(self.confidence, np.float32),
                              as_path("path", path))
 
     def __repr__(self) -> str:
