@@ -230,7 +230,8 @@ def as_mesh(mesh: MeshLike, faces: Any = None, run: Run = DEFAULT) -> _native.Me
         return own
     if isinstance(mesh, (str, bytes, os.PathLike)):
         # Absolute, since the file is looked at again later, wherever the process is by then; dots stay, as links may precede them.
-        return _native.Mesh.open(os.path.join(os.getcwd(), os.fsdecode(mesh)), *run)
+        path = os.fsdecode(mesh)
+        return _native.Mesh.open(path if os.path.isabs(path) else os.path.join(os.getcwd(), path), *run)
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         return from_arrays(*mesh)
     if hasattr(mesh, "geometry") and hasattr(mesh, "dump"):
