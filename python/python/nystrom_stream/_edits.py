@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._meshes import MOST, Path, listed, packed, real, unmasked, whole
+from ._meshes import MOST, Path, as_path, listed, packed, real, unmasked, whole
 
 Edits = Union[Path, Mapping[str, Any], Sequence[Mapping[str, Any]]]
 Names = Union[Path, Mapping[int, str], Sequence[str]]
@@ -33,11 +33,12 @@ def as_edits(edits: Any) -> dict[str, Any]:
     """The content of a file of edits as a dict: from a path, such a dict, or a list of edits."""
     if isinstance(edits, (str, bytes, os.PathLike)):
         # Some editors begin each file with a byte order mark.
-        with open(edits, encoding="utf-8-sig") as file:
+        path = as_path("edits", edits)
+        with open(path, encoding="utf-8-sig") as file:
             try:
                 edits = json.load(file, object_pairs_hook=_once)
             except ValueError as error:
-                raise ValueError(f"{os.fspath(file.name)}: not a file of edits: {error}") from None
+                raise ValueError(f"{path}: not a file of edits: {error}") from None
     if isinstance(edits, Mapping) and "edits" in edits:
         return {**FORMAT, **edits}
     if isinstance(edits, Mapping):
@@ -82,7 +83,7 @@ def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str],
     table."""
     if isinstance(names, (str, bytes, os.PathLike)):
         # By part: it adds to the names that edits gave, as with the program.
-        names = {part: name for part, name in enumerate(_native.read_names(names)) if name}
+        names = {part: name for part, name in enumerate(_native.read_names(as_path("names", names))) if name}
     by_part = hasattr(names, "keys")
     if not by_part and not hasattr(names, "__iter__"):
         raise TypeError(f"names: {names!r}; give a list, a dict by part, or the path of a table")
