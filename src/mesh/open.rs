@@ -7,7 +7,8 @@
 use super::geometry::{Mesh, check_size, empty, no_faces, too_many_vertices};
 use super::import::{self, Format};
 use super::ply::document::Document;
-use super::ply::header::{self, CUT_SHORT, Element, Header, Kind};
+use super::ply::element::{Element, Kind};
+use super::ply::header::{self, CUT_SHORT, Header};
 use super::ply::read::{Decoder, decode};
 use super::size::is_pipe;
 use crate::base::printable::counted;
@@ -181,14 +182,8 @@ fn find_vertices(path: &Path, header: &Header) -> Result<(usize, [usize; 3])> {
     if u32::try_from(element.count).is_err() {
         return Err(too_many_vertices(path));
     }
-    let axis = |name: &str| {
-        let found = element.find(name).or_else(|| element.find(&name.to_ascii_uppercase()));
-        found.filter(|&number| matches!(element.properties[number].kind, Kind::One(_)))
-    };
-    match (axis("x"), axis("y"), axis("z")) {
-        (Some(x), Some(y), Some(z)) => Ok((number, [x, y, z])),
-        _ => Err(wrong("the vertices have no x, y and z")),
-    }
+    let axes = element.axes().ok_or_else(|| wrong("the vertices have no x, y and z"))?;
+    Ok((number, axes))
 }
 
 /// The property that lists a face's vertices.

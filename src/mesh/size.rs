@@ -5,7 +5,8 @@
 
 use super::geometry::{Mesh, empty, no_faces, too_many_vertices};
 use super::import;
-use super::ply::header::{self, CUT_SHORT, Scalar};
+use super::ply::element::Coordinates;
+use super::ply::header::{self, CUT_SHORT};
 use super::ply::{Encoding, Kind};
 use crate::base::{Error, Result};
 use crate::store::MappedBytes;
@@ -155,10 +156,12 @@ fn size_of_ply(path: &Path, header: &header::Header, len: u64, compressed: bool)
 /// corners.
 fn arrays(header: &header::Header, [vertices, faces, corners]: [u64; 3]) -> u64 {
     let triangles = corners == faces.saturating_mul(3);
-    let places = match axes(header) {
-        Axes::InPlace => 0,
-        Axes::Single => 12 * vertices,
-        Axes::Double => 24 * vertices,
+    let vertex = header.elements.iter().find(|element| element.is("vertex"));
+    let coordinates = vertex.and_then(|element| Some(element.coordinates(element.axes()?, header.encoding)));
+    let places = match coordinates {
+        Some(Coordinates { stride: Some(_), .. }) => 0,
+        Some(Coordinates { double: true, .. }) => 24 * vertices,
+        _ => 12 * vertices,
     };
     if triangles && header.encoding == Encoding::Little && has_lists_of(header, 4) {
         return places;
@@ -208,29 +211,6 @@ fn has_lists_of(header: &header::Header, size: usize) -> bool {
         });
         lists.eq([size])
     })
-}
-
-/// How coordinates are read: in place, or decoded to 4 or 8 bytes.
-enum Axes {
-    InPlace,
-    Single,
-    Double,
-}
-
-fn axes(header: &header::Header) -> Axes {
-    let Some(vertex) = header.elements.iter().find(|element| element.is("vertex")) else { return Axes::Single };
-    let is_axis = |name: &str| ["x", "y", "z"].iter().any(|axis| name.eq_ignore_ascii_case(axis));
-    let axes = vertex.properties.iter().filter(|property| is_axis(&property.name));
-    let kinds: Vec<Kind> = axes.map(|property| property.kind).collect();
-    let all = |scalar: Scalar| kinds.iter().all(|&kind| kind == Kind::One(scalar));
-    let wide = [Scalar::F64, Scalar::I32, Scalar::U32].map(Kind::One);
-    if header.encoding == Encoding::Little && vertex.fixed_size().is_some() && (all(Scalar::F32) || all(Scalar::F64)) {
-        Axes::InPlace
-    } else if kinds.iter().any(|kind| wide.contains(kind)) {
-        Axes::Double
-    } else {
-        Axes::Single
-    }
 }
 
 /// An estimate of the corners of `faces` faces. A closed surface has as many edges as vertices and faces together, and

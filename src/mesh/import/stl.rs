@@ -6,7 +6,8 @@ use super::target::{Counts, Target, check};
 use super::text::{Lines, without_mark, without_padding};
 use crate::base::printable::counted;
 use crate::base::{Error, Result};
-use crate::mesh::ply::header::{CUT_SHORT, Scalar};
+use crate::mesh::ply::element::Scalar;
+use crate::mesh::ply::header::CUT_SHORT;
 use std::path::Path;
 
 /// Bytes before the triangles of a binary file, and bytes per triangle.

@@ -5,7 +5,8 @@
 use crate::base::{Error, Result};
 use crate::mesh::geometry::too_many_vertices;
 use crate::mesh::output::Gather;
-use crate::mesh::ply::header::{Encoding, HeaderWriter, Scalar};
+use crate::mesh::ply::element::{Encoding, Scalar};
+use crate::mesh::ply::header::HeaderWriter;
 use crate::store::Run;
 use std::path::Path;
 

@@ -3,7 +3,8 @@
 use super::target::{CORRECT, Counts, Target, check};
 use crate::base::printable::counted;
 use crate::base::{Error, Result};
-use crate::mesh::ply::header::{CUT_SHORT, Scalar, shown};
+use crate::mesh::ply::element::Scalar;
+use crate::mesh::ply::header::{CUT_SHORT, shown};
 use crate::mesh::ply::values::{integer_of, real_of};
 use std::path::Path;
 

@@ -4,7 +4,8 @@
 //! per element. Properties are read in one pass over the element's records, in file order, without buffering: about 10
 //! ns per record in binary files, 100 ns in text.
 
-use super::header::{CUT_SHORT, Encoding, Header, HeaderWriter, Kind, Line, Scalar};
+use super::element::{Encoding, Kind, Scalar};
+use super::header::{CUT_SHORT, Header, HeaderWriter, Line};
 use super::values::{Binary, Cursor, Fault, Text};
 use crate::base::{Error, Result};
 use crate::mesh::output::Gather;

@@ -3,7 +3,8 @@
 //! Runs at the speed of the page cache; a thread buffers [`FACES`] faces.
 
 use super::document::Document;
-use super::header::{CUT_SHORT, Encoding};
+use super::element::Encoding;
+use super::header::CUT_SHORT;
 use super::labelling::{Labelling, PlyOptions, kept_properties};
 use super::values::{Binary, Cursor};
 use crate::base::parallel::{chunk_count, chunk_range};

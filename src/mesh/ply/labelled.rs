@@ -8,8 +8,8 @@
 //! ([`LabelledWriter`]). For a mesh from arrays, its positions, faces and labels are written.
 
 use super::document::Document;
+use super::element::{Encoding, Scalar};
 use super::fixed_records::FixedRecords;
-use super::header::{Encoding, Scalar};
 pub use super::labelling::{GREY, Labelling, PlyForm, PlyOptions, REPEATED, UNLABELLED, colour_of};
 use super::labelling::{VERTEX_PROPERTIES, kept_properties, of_vertices};
 use super::names;

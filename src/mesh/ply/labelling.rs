@@ -3,7 +3,7 @@
 //! A binary face grows by 7 bytes, or 11 with a quality; nothing is stored besides the caller's arrays.
 
 use super::document::{Document, Remarks};
-use super::header::{Encoding, Scalar};
+use super::element::{Encoding, Scalar};
 use super::names;
 use super::values::Encoder;
 use crate::base::{Error, Result};

@@ -1,10 +1,11 @@
 //! The PLY format: headers, numbers, and files read and written.
 //!
-//! From the bottom up: `header` and `values` know the grammar and the numbers of each encoding; `read` finds and
-//! decodes positions and faces; `document` keeps what a copy of the file needs; [`labelled`], [`rearranged`] and
-//! [`plain`] write.
+//! From the bottom up: [`element`] and [`values`] know the types and the numbers of each encoding, [`header`] the
+//! grammar; `read` finds and decodes positions and faces; [`document`] keeps what a copy of the file needs;
+//! [`labelled`], [`rearranged`] and [`plain`] write.
 
 pub mod document;
+pub mod element;
 mod fixed_records;
 pub mod header;
 pub mod labelled;
@@ -19,6 +20,7 @@ pub mod values;
 mod vertex_labels;
 
 pub use document::{Document, ElementKind, NumberProperty};
-pub use header::{Element, Encoding, Header, HeaderWriter, Kind, Property, Scalar};
+pub use element::{Element, Encoding, Kind, Property, Scalar};
+pub use header::{Header, HeaderWriter};
 pub use plain::{Column, write_annotated};
 pub use values::Encoder;

@@ -3,7 +3,8 @@
 //! Positions at full precision, faces, then the columns; other properties of the input are dropped (see
 //! [`super::labelled`] for a writer that keeps them). One sequential pass through a buffer of one mebibyte.
 
-use super::header::{Encoding, HeaderWriter, Scalar};
+use super::element::{Encoding, Scalar};
+use super::header::HeaderWriter;
 use super::values::Encoder;
 use crate::base::Result;
 use crate::mesh::geometry::{Faces, Mesh};

@@ -5,7 +5,8 @@
 //! arrays of the scratch folder: triangles, or, from the first other polygon on, corner lists. Triangle strips are
 //! unrolled on the way.
 
-use super::header::{CUT_SHORT, Element, Encoding, Header, Kind, Scalar};
+use super::element::{Coordinates, Element, Encoding, Kind, Scalar};
+use super::header::{CUT_SHORT, Header};
 use super::values::{Binary, Cursor, Fault, Text};
 use crate::base::{Error, Result};
 use crate::mesh::geometry::{Faces, check_size};
@@ -133,25 +134,18 @@ impl<'a> Decoder<'a> {
 
     /// The positions: in place if they are packed `float`s or `double`s, else decoded.
     fn vertices<C: Cursor<'a>>(&self, cursor: &mut C, element: &Element) -> Result<Positions> {
-        let kinds = self.axes.map(|axis| element.properties[axis].kind);
-        let in_place = match kinds {
-            [Kind::One(Scalar::F32), Kind::One(Scalar::F32), Kind::One(Scalar::F32)] => Some(false),
-            [Kind::One(Scalar::F64), Kind::One(Scalar::F64), Kind::One(Scalar::F64)] => Some(true),
-            _ => None,
-        };
-        if let (Encoding::Little, Some(double), Some(size)) = (self.header.encoding, in_place, element.fixed_size()) {
+        let Coordinates { stride, double } = element.coordinates(self.axes, self.header.encoding);
+        if let Some(stride) = stride {
             let start = cursor.at();
             let end = self.end_of_fixed(element, start).unwrap_or(Ok(start))?;
             *cursor = C::new(self.bytes, end);
             let at = self.axes.map(|axis| element.properties[..axis].iter().map(|p| p.kind.least_size()).sum());
-            let layout = StridedLayout { offset: start, stride: size, at, double, len: element.count };
+            let layout = StridedLayout { offset: start, stride, at, double, len: element.count };
             return Positions::strided(self.path, self.bytes.clone(), layout);
         }
-        let wide = [Scalar::F64, Scalar::I32, Scalar::U32].map(Kind::One);
-        if kinds.iter().any(|kind| wide.contains(kind)) {
-            self.decode_vertices(cursor, element, |value| value)
-        } else {
-            self.decode_vertices(cursor, element, |value| value as f32)
+        match double {
+            true => self.decode_vertices(cursor, element, |value| value),
+            false => self.decode_vertices(cursor, element, |value| value as f32),
         }
     }
 

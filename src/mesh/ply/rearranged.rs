@@ -7,7 +7,7 @@
 //! them; 50–200 MB/s.
 
 use super::document::{Document, Remarks};
-use super::header::{Encoding, Kind, Property, Scalar};
+use super::element::{Encoding, Kind, Property, Scalar};
 use super::labelled::PlyForm;
 use super::values::{Binary, Cursor, Encoder, Fault, Text};
 use crate::base::{Error, Result};

@@ -6,7 +6,7 @@
 //! bytes of memory per vertex next to a new one. Another 100 ns per vertex of the file if its record sizes differ.
 
 use super::document::Document;
-use super::header::{Encoding, Kind, Scalar};
+use super::element::{Encoding, Kind, Scalar};
 use super::values::{Cursor, Encoder, Fault};
 use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;

@@ -5,7 +5,8 @@
 //! Positions at full precision, labels, colours and qualities; other properties of the input are dropped. Memory: 4
 //! bytes per vertex, and 8 per corner on a boundary, from the budget.
 
-use super::header::{Encoding, HeaderWriter, Scalar};
+use super::element::{Encoding, Scalar};
+use super::header::HeaderWriter;
 use super::labelling::{Labelling, PlyForm, VERTEX_PROPERTIES};
 use super::names;
 use super::plain::counting_corners;

@@ -3,7 +3,8 @@
 //! A cursor moves over mapped bytes and allocates nothing; it is generic, so that each encoding gets its own compiled
 //! loop: 2–5 ns per binary number, 15–30 ns per number in text. An encoder appends to a buffer, 5–50 ns per number.
 
-use super::header::{Encoding, Kind, Scalar, shown};
+use super::element::{Encoding, Kind, Scalar};
+use super::header::shown;
 use std::io::Write as _;
 
 /// Why a number could not be read.
