@@ -62,7 +62,7 @@ fn the_tree_finds_what_a_look_at_every_face_finds() {
         let mut found = vec![[u64::MAX; 2]; probes.len()];
         for start in (0..from.faces.len()).step_by(block) {
             let range = start..from.faces.len().min(start + block);
-            let tree = TriangleTree::of(&from, &frame, range, |_| true);
+            let tree = TriangleTree::of(&from, &frame, std::iter::once(range));
             tree.improve_all(|i| probes[i], Agreement { sign: 1., slack, far: f32::INFINITY }, &mut found, &run())
                 .unwrap();
         }

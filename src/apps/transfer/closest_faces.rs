@@ -156,17 +156,13 @@ pub struct TriangleTree {
 }
 
 impl TriangleTree {
-    /// For the faces of `range` for which `wanted` holds.
-    pub fn of(mesh: &Mesh, frame: &UnitFrame, range: Range<usize>, wanted: impl Fn(u32) -> bool) -> Self {
-        let faces = &mesh.faces;
-        let chosen = range.clone().filter(|&face| wanted(face as u32));
-        let triangles = chosen.map(|face| faces.corner_range(face).len().saturating_sub(2)).sum();
-        let mut leaves = Vec::with_capacity(triangles);
-        frame.triangles(mesh, range, |face, corners| {
-            if wanted(face) {
-                leaves.push(Leaf::new(corners, face));
-            }
-        });
+    /// For the faces of some `ranges`.
+    pub fn of(mesh: &Mesh, frame: &UnitFrame, ranges: impl Iterator<Item = Range<usize>> + Clone) -> Self {
+        let corners = ranges.clone().flatten().map(|face| mesh.faces.corner_range(face).len());
+        let mut leaves = Vec::with_capacity(corners.map(|corners| corners.saturating_sub(2)).sum());
+        for range in ranges {
+            frame.triangles(mesh, range, |face, corners| leaves.push(Leaf::new(corners, face)));
+        }
         Self::over(leaves)
     }
 
@@ -316,7 +312,7 @@ mod tests {
         let faces: Vec<[u32; 3]> = (0..n as u32).map(|i| [i, i + 1, i + 2]).collect();
         let mesh = Mesh::from_slices(&positions, &faces).unwrap();
         let frame = UnitFrame::of(&mesh, &Run::new(&())).unwrap();
-        let tree = TriangleTree::of(&mesh, &frame, 0..n as usize, |face| face % 100 == 0);
+        let tree = TriangleTree::of(&mesh, &frame, (0..n as usize).step_by(100).map(|face| face..face + 1));
         assert_eq!((tree.leaves.len(), tree.leaves.capacity()), (40, 40));
     }
 }

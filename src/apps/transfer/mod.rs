@@ -108,8 +108,8 @@ fn probe(opened: &Mesh, frame: &UnitFrame, face: usize, point: usize) -> Probe {
 /// Whether the normals of `to` are mostly opposite to those of `from`.
 fn has_opposite_normals(from: &Mesh, to: &Mesh, frame: &UnitFrame) -> bool {
     let (m, n) = (from.faces.len(), to.faces.len());
-    let step = m.div_ceil(TRIAL);
-    let tree = TriangleTree::of(from, frame, 0..m, |face| (face as usize).is_multiple_of(step));
+    let trial = (0..m).step_by(m.div_ceil(TRIAL)).map(|face| face..face + 1);
+    let tree = TriangleTree::of(from, frame, trial);
     let mut sum = 0.;
     for face in (0..n).step_by(n.div_ceil(TRIAL / 10)) {
         let own = probe(to, frame, face, 0);
@@ -173,7 +173,7 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     let block = (grant.bytes() / (BYTES * triangles)).max(1) as usize;
     let look = || {
         for start in (0..m).step_by(block) {
-            let tree = TriangleTree::of(from, &frame, start..m.min(start + block), |_| true);
+            let tree = TriangleTree::of(from, &frame, std::iter::once(start..m.min(start + block)));
             let at = |i: usize| probe(to, &frame, i / points, i % points);
             tree.improve_all(at, Agreement { sign, slack: fine, far }, found, context.run)?;
         }
