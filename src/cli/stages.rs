@@ -420,7 +420,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     if let Some(path) = &args.tree {
         let tree = decision::tree_of(&work, params.exact_rows())?;
         match path.as_os_str() == "-" {
-            true => print(format!("{}\n", json::value("the hierarchy", &tree)?).as_bytes())?,
+            true => print(&[&json::text(path, &tree)?[..], b"\n"].concat())?,
             false => decision::write_tree(&tree, path)?,
         }
     }
