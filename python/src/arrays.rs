@@ -68,10 +68,16 @@ fn of_corners<C: Corner>(arrays: Arrays<'_, '_>) -> Option<Result<Mesh>> {
 pub fn mesh(vertices: &Bound<'_, PyAny>, faces: &Bound<'_, PyAny>) -> PyResult<Mesh> {
     let ((_, three), (_, columns)) = (shape("vertices", vertices)?, shape("faces", faces)?);
     if three != 3 {
-        return Err(PyValueError::new_err(format!("vertices: {} instead of three (x, y and z)", counted(three, "column"))));
+        return Err(PyValueError::new_err(format!(
+            "vertices: {} instead of three (x, y and z)",
+            counted(three, "column")
+        )));
     }
     if columns < 3 {
-        return Err(PyValueError::new_err(format!("faces: {}; a face has 3 corners or more", counted(columns, "column"))));
+        return Err(PyValueError::new_err(format!(
+            "faces: {}; a face has 3 corners or more",
+            counted(columns, "column")
+        )));
     }
     let arrays = Arrays { vertices, faces, columns };
     of_corners::<i64>(arrays)

@@ -231,6 +231,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(default_embedding, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::correspond, module)?)?;
     module.add_function(wrap_pyfunction!(correspond::save_matches, module)?)?;
+    module.add_function(wrap_pyfunction!(tasks::publish, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::read_labels, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::read_names, module)?)?;
     module.add_function(wrap_pyfunction!(tasks::part_colours, module)?)?;

@@ -22,7 +22,7 @@ use nystrom_stream::mesh::UNLABELLED;
 use nystrom_stream::mesh::ply::labelled::colour_of;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::spectral::Kernel;
-use nystrom_stream::store::{Context, WorkDir, private_folder};
+use nystrom_stream::store::{Context, WorkDir, json, private_folder};
 use nystrom_stream::{Error, LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -46,6 +46,12 @@ fn colours(array: &PyReadonlyArray2<'_, u8>) -> PyResult<Vec<[u8; 3]>> {
         return Err(PyValueError::new_err(text));
     }
     Ok(array.outer_iter().map(|c| [c[0], c[1], c[2]]).collect())
+}
+
+/// Writes `text` to the file `path`, by rename: if that fails, the file is as it was.
+#[pyfunction]
+pub fn publish(path: PathBuf, text: &str) -> PyResult<()> {
+    json::publish(&path, text.as_bytes()).map_err(raised)
 }
 
 /// A colour per part, unlike where parts touch: (parts, 3).

@@ -226,15 +226,19 @@ def test_paths_mean_the_same_wherever_the_process_is(tmp_path, monkeypatch):
     assert len(cut.edit([{"edit": "merge", "at": [0, len(cut.labels) - 1]}])) >= 1
 
 
-def test_edits_that_cannot_be_written_leave_the_file_as_it_was(tmp_path, monkeypatch):
+def test_edits_that_cannot_be_written_leave_the_file_as_it_was(tmp_path):
     cut = nystrom_stream.segment(trimesh.creation.icosphere(), parts=2)
     path = tmp_path / "e.json"
     cut.save_edits(path)
     before = path.read_text()
-    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
+    (tmp_path / "e.json.partial").mkdir()
     with pytest.raises(OSError):
         cut.save_edits(path)
-    assert path.read_text() == before and os.listdir(tmp_path) == ["e.json"]
+    assert path.read_text() == before
+    (tmp_path / "e.json.partial").rmdir()
+    (tmp_path / "link.json").symlink_to(path)
+    cut.save_edits(tmp_path / "link.json")
+    assert path.read_text() == before and sorted(os.listdir(tmp_path)) == ["e.json", "link.json"]
 
 
 def test_empty_paths_and_matches_that_are_none_are_refused(tmp_path):

@@ -3,7 +3,6 @@ arrays."""
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import html
 import json
@@ -32,16 +31,7 @@ def publish(path: str, text: str) -> None:
         with open(path, "w", encoding="utf-8") as file:
             file.write(text)
         return
-    path = os.path.realpath(path)
-    partial = f"{path}.partial"
-    try:
-        with open(partial, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.replace(partial, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(partial)
-        raise
+    _native.publish(os.path.realpath(path), text)
 
 
 class _OfMesh:
