@@ -61,7 +61,8 @@ pub struct SmoothedNormals<'a> {
 }
 
 impl Cells {
-    /// Divides the surface into cells; writes [`OF_FACE`].
+    /// Divides the surface into cells; writes [`OF_FACE`]. `is_flipped` tells the nodes whose winding in the file is
+    /// against their normals.
     ///
     /// # Errors
     /// [`crate::base::Error::Io`], [`crate::base::Error::Cancelled`].
@@ -69,6 +70,7 @@ impl Cells {
         graph: &DualGraph,
         shares: &AreaShares,
         normals: SmoothedNormals<'_>,
+        is_flipped: impl Fn(u32) -> bool,
         context: Context<'_>,
     ) -> Result<Self> {
         let n = graph.nodes.len();
@@ -91,10 +93,13 @@ impl Cells {
             voronoi::nearest_source(csr, &seeds, field.data(), owner.data(), context.run)?;
         }
         context.work.remove("cell_weights.npy");
-        let graph = cell_graph(graph, shares, normals, owner.data(), seeds, context.run)?;
+        let mut cells = cell_graph(graph, shares, normals, owner.data(), seeds, context.run)?;
+        if cells.seed.iter().any(|&seed| is_flipped(seed)) {
+            cells.flipped = cells.seed.iter().map(|&seed| is_flipped(seed)).collect();
+        }
         let mut of_node = context.work.array::<u16>(OF_FACE, &[n])?;
         context.run.fill_each(of_node.data(), CHUNK, |i, _| narrow(owner.items()[i]))?;
-        Ok(Self { of_node: of_node.finish(false)?, graph })
+        Ok(Self { of_node: of_node.finish(false)?, graph: cells })
     }
 
     /// Number of cells.
@@ -135,6 +140,7 @@ fn cell_graph(
         area: sums.iter().map(|sum| sum.share).collect(),
         centre: sums.iter().map(|sum| sum.centroid().map(|x| x * unit)).collect(),
         normal: sums.iter().map(SurfaceSum::direction).collect(),
+        flipped: Vec::new(),
         pairs: borders.iter().map(|(&(a, b), _)| [a, b]).collect(),
         length: borders.values().map(|b| b.length).collect(),
         concave: borders.values().map(|b| mean(b.concave, b)).collect(),

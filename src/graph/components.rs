@@ -22,6 +22,8 @@ use crate::base::{Cancel, Result};
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, MappedSlice};
 
+/// Once the graph is oriented ([`super::orient`]), the bit of a root that marks nodes whose normals were flipped.
+pub const FLIPPED: u32 = OPPOSITE_WINDING;
 /// The file of the roots.
 pub const FILE: &str = component_blocks::FILE;
 /// Nodes between checks of the stop flag.

@@ -7,12 +7,12 @@
 
 use super::assemble_in_memory::assemble_in_memory;
 use super::bridges::{self, find_bridges};
-use super::components::{self, find_components};
+use super::components::{self, FLIPPED, find_components};
 use super::csr::{INDICES, WEIGHTS, WEIGHTS_STAGE, WeightedGraph};
 use super::dual_edges::{Assembled, CENTROID_DISTANCES, DualEdges, EDGES, assemble};
 use super::duplicates::{self, Evidence};
 use super::frame::Frame;
-use super::half_edge_pairs::{OPPOSITE_WINDING, WithinNeeds};
+use super::half_edge_pairs::WithinNeeds;
 use super::node_blocks::NodeBlocks;
 use super::node_geometry::{ComputedGeometry, NodeGeometry};
 use super::nodes::{self, Node, NodeSums};
@@ -97,8 +97,8 @@ pub struct DualGraph {
     pub edges: DualEdges,
     /// Geometry of the nodes.
     pub nodes: NodeGeometry,
-    /// For each node the first node of its component before bridging, with the top bit set where its winding
-    /// contradicts; `None` if there is only one component.
+    /// For each node the first node of its component before bridging, with the top bit ([`FLIPPED`]) set where its
+    /// normal was flipped; `None` if there is only one component.
     pub components: Option<MappedSlice<u32>>,
     /// For each node 1 + the node whose duplicate it is, 0 for all others; `None` without duplicates.
     pub duplicates: Option<MappedSlice<u32>>,
@@ -238,8 +238,8 @@ impl DualGraph {
             drop((components, edges, nodes));
             return again(&mesh);
         }
-        let Oriented { mut edges, nodes, facts: orientation, sums } =
-            orient(edges, nodes, sums, whole, &components, context)?;
+        let Oriented { mut edges, nodes, components, facts: orientation, sums } =
+            orient(edges, nodes, sums, whole, components, context)?;
         let bridges = find_bridges(&components, &nodes, 0., context)?;
         if let Some(bridges) = &bridges {
             edges = bridges::insert(&edges, bridges.items(), context)?;
@@ -285,13 +285,18 @@ impl DualGraph {
         }
         let components = if facts.components > 1 { Some(work.array_of::<u32>(components::FILE, n)?) } else { None };
         if let Some(roots) = &components
-            && !all_below(roots.iter().map(|root| root & !OPPOSITE_WINDING), n)
+            && !all_below(roots.iter().map(|root| root & !FLIPPED), n)
         {
             return Err(work.damaged(components::FILE, format!("has indices that are not below {n}")));
         }
         let duplicates =
             if facts.duplicate_faces > 0 { Some(work.array_of::<u32>(duplicates::FILE, n)?) } else { None };
         Ok(Self { edges, nodes: nodes.into(), components, duplicates, facts, key })
+    }
+
+    /// Whether the winding of `node` in the file is against its normal; false if there is only one component.
+    pub fn is_flipped(&self, node: u32) -> bool {
+        self.components.as_ref().is_some_and(|roots| roots[node as usize] & FLIPPED != 0)
     }
 
     /// Deletes the step lengths in a temporary `work` once the weights are computed: 12 bytes of disk per triangle.
@@ -341,7 +346,7 @@ pub(crate) struct GraphStage<'a> {
 
 impl Stage for GraphStage<'_> {
     const NAME: &'static str = "graph";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     type Facts = GraphFacts;
     type Output = DualGraph;
 

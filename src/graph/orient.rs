@@ -11,8 +11,11 @@
 //! were summed up while its rows were assembled. The rest only if something has to be flipped. Memory: a chunk of nodes
 //! for each thread, and up to 80 bytes per node of it if each is a component of its own; 73 bytes per component in the
 //! work directory, in memory where the budget has room.
+//!
+//! The components' array then tells which faces were flipped ([`FLIPPED`]), so that a cavity, wound against what
+//! surrounds it, can be told from a body within it (`cluster/parts/interior`).
 
-use super::components::Components;
+use super::components::{self, Components, FLIPPED};
 use super::dual_edges::{DualEdges, EDGES};
 use super::half_edge_pairs::OPPOSITE_WINDING;
 use super::node_geometry::{ComputedEdges, ComputedGeometry, NodeGeometry};
@@ -36,10 +39,12 @@ pub struct OrientationFacts {
     pub unsatisfied: u64,
 }
 
-/// What [`orient`] returns: the edges and nodes to use from now on, and what was learned from the pass over them.
+/// What [`orient`] returns: what to use from now on, and what was learned from the pass over the nodes.
 pub(super) struct Oriented {
     pub edges: DualEdges,
     pub nodes: NodeGeometry,
+    /// Their roots with [`FLIPPED`].
+    pub components: Components,
     pub facts: OrientationFacts,
     pub sums: NodeSums,
 }
@@ -55,7 +60,7 @@ pub(super) fn orient(
     nodes: NodeGeometry,
     sums: Option<NodeSums>,
     whole: Option<WholeSums>,
-    components: &Components,
+    components: Components,
     context: Context<'_>,
 ) -> Result<Oriented> {
     let (of_components, of_computed) = match whole {
@@ -64,32 +69,45 @@ pub(super) fn orient(
             sums.data()[0] = whole.orientation;
             (sums, whole.nodes)
         }
-        _ => component_sums(&nodes, components, context)?,
+        _ => component_sums(&nodes, &components, context)?,
     };
-    let (edges, nodes, facts) = flip(edges, nodes, of_components, components, context)?;
-    Ok(Oriented { edges, nodes, facts, sums: sums.unwrap_or(of_computed) })
+    let sums = sums.unwrap_or(of_computed);
+    let mut flips_first: ArrayMut<u8> = context.work.array("component_turn.tmp", &[components.count()])?;
+    flips_first.data().iter_mut().zip(of_components.items()).for_each(|(slot, of)| *slot = u8::from(of.flips_first()));
+    drop(of_components);
+    if !components.mixed && !flips_first.items().contains(&1) {
+        return Ok(Oriented { edges, nodes, components, facts: OrientationFacts::default(), sums });
+    }
+    let components = with_flipped(components, flips_first.items(), context)?;
+    let (edges, nodes, facts) = flip(edges, nodes, &components, context)?;
+    Ok(Oriented { edges, nodes, components, facts, sums })
 }
 
-/// Flips what the `sums` of the components tell.
+/// `components` with [`FLIPPED`] instead of contradicting windings; `flips_first` is 1 for those whose first node is
+/// flipped. Nodes that contradict it are flipped exactly if it is not.
+fn with_flipped(components: Components, flips_first: &[u8], context: Context<'_>) -> Result<Components> {
+    let Some(links) = &components.root else { return Ok(components) };
+    let mut array = context.work.array::<u32>(components::FILE, &[links.len()])?;
+    let fill = |k: usize, out: &mut [u32], (): &mut ()| {
+        let mut number = 0;
+        for (slot, &link) in out.iter_mut().zip(&links[chunk_range(links.len(), nodes::CHUNK, k)]) {
+            number = components.number(link, number);
+            *slot = if flips_first[number] == 0 { link } else { link ^ FLIPPED };
+        }
+        Ok(())
+    };
+    context.run.fill_chunks(array.data(), nodes::CHUNK, || (), fill)?;
+    Ok(Components { root: Some(array.finish(false)?), ..components })
+}
+
+/// Flips the nodes that `components` mark; all of them if there is but one, whose windings agree.
 fn flip(
     edges: DualEdges,
     nodes: NodeGeometry,
-    sums: ArrayMut<OrientationSums>,
     components: &Components,
     context: Context<'_>,
 ) -> Result<(DualEdges, NodeGeometry, OrientationFacts)> {
-    let mut flips_first: ArrayMut<u8> = context.work.array("component_turn.tmp", &[components.count()])?;
-    flips_first.data().iter_mut().zip(sums.items()).for_each(|(slot, sums)| *slot = u8::from(sums.flips_first()));
-    drop(sums);
-    let flips_first = flips_first.items();
-    if !components.mixed && !flips_first.contains(&1) {
-        return Ok((edges, nodes, OrientationFacts::default()));
-    }
-    // Faces that contradict the first one are flipped exactly if the first one is not.
-    let is_flipped = |node: usize| {
-        let link = components.link(node);
-        (flips_first[components.number(link, 0)] != 0) != (link & OPPOSITE_WINDING != 0)
-    };
+    let is_flipped = |node: usize| components.root.as_ref().is_none_or(|root| root[node] & FLIPPED != 0);
     if let Some(mesh) = nodes.mesh() {
         return flip_computed(edges, mesh, is_flipped, context);
     }
@@ -209,7 +227,7 @@ fn flip_edges(
 }
 
 /// File of the bits of flipped faces.
-const FLIPPED: &str = "flipped_faces.npy";
+const FLIPPED_BITS: &str = "flipped_faces.npy";
 
 /// The same if nodes and edges are computed from `mesh`: one bit per face.
 fn flip_computed(
@@ -219,7 +237,7 @@ fn flip_computed(
     context: Context<'_>,
 ) -> Result<(DualEdges, NodeGeometry, OrientationFacts)> {
     let n = mesh.mesh.faces.len();
-    let mut bits = context.work.array::<u64>(FLIPPED, &[n.div_ceil(64)])?;
+    let mut bits = context.work.array::<u64>(FLIPPED_BITS, &[n.div_ceil(64)])?;
     let counts = context.run.fill_chunks(
         bits.data(),
         nodes::CHUNK / 64,

@@ -351,7 +351,8 @@ fn decide_on_contraction(
 ) -> Result<Decided> {
     let (inner, small) = contraction_and_shares(whole, context)?;
     let within = Context::new(&inner, context.run);
-    let cut = within.stage(SurfaceStage { graph: &small.graph, kind: Kind::Contracted, cells: true })?;
+    let kind = Kind::Contracted(whole.graph, &small.seeds);
+    let cut = within.stage(SurfaceStage { graph: &small.graph, kind, cells: true })?;
     let contracted = WeightedSurface { graph: &small.graph, weighted: &small.weighted, surface: &cut };
     let located = Located { units: Some(&small.of_node), ..located };
     let faces = whole.graph.nodes.len();

@@ -31,12 +31,12 @@ pub(super) const NORMALS_KEPT: &str = "normals";
 pub(super) const CELL_GRAPH: &str = "cell_graph.json";
 
 /// The kind of nodes in a graph.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Kind<'a> {
     /// Faces of a mesh.
     Faces,
-    /// Nodes of a contraction.
-    Contracted,
+    /// Nodes of a contraction: the graph of the mesh, and the face from which each node grew.
+    Contracted(&'a DualGraph, &'a [u32]),
 }
 
 /// The surface: area shares of nodes, their normals, and their cells.
@@ -104,14 +104,14 @@ pub(super) struct SurfaceStage<'a> {
     /// The graph whose surface it is.
     pub graph: &'a DualGraph,
     /// The kind of its nodes.
-    pub kind: Kind,
+    pub kind: Kind<'a>,
     /// Whether cells are needed.
     pub cells: bool,
 }
 
 impl Stage for SurfaceStage<'_> {
     const NAME: &'static str = "surface";
-    const VERSION: u32 = 14;
+    const VERSION: u32 = 15;
     type Facts = SurfaceFacts;
     type Output = PreparedSurface;
 
@@ -128,7 +128,12 @@ impl Stage for SurfaceStage<'_> {
         let mut files = if shares.is_computed() { Vec::new() } else { vec![area_shares::FILE] };
         let cells = if self.cells {
             let smooth = SmoothedNormals { fine: &fine, medium: &medium, coarse: &coarse };
-            let (cells, _) = context.run.stage("cells", "faces", n, || Cells::cut(graph, &shares, smooth, context))?;
+            let is_flipped = |node: u32| match self.kind {
+                Kind::Faces => graph.is_flipped(node),
+                Kind::Contracted(whole, seeds) => whole.is_flipped(seeds[node as usize]),
+            };
+            let cut = || Cells::cut(graph, &shares, smooth, is_flipped, context);
+            let (cells, _) = context.run.stage("cells", "faces", n, cut)?;
             context.work.write_json(CELL_GRAPH, &cells.graph)?;
             files.extend([OF_FACE, CELL_GRAPH]);
             Some(cells)
@@ -285,7 +290,7 @@ impl SurfaceStage<'_> {
                 let (radius, file) = (RADII[radii[k]], NORMALS[radii[k]]);
                 match self.kind {
                     Kind::Faces => normals::smoothed(self.graph, shares, radius, file, at_a_time, context),
-                    Kind::Contracted => normals::averaged(self.graph, shares, radius, file, context),
+                    Kind::Contracted(..) => normals::averaged(self.graph, shares, radius, file, context),
                 }
             },
         )?;

@@ -15,9 +15,9 @@ fn dumbbell(x: f64) -> f64 {
 }
 
 /// The surface of revolution through `profile`, closed at the x of its ends.
-fn revolved(profile: &[[f64; 2]]) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+fn revolved(profile: &[[f64; 2]], sides: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let ends = [profile[0][0], profile[profile.len() - 1][0]];
-    let shape = zoo::revolved("revolved", ends, profile, SIDES);
+    let shape = zoo::revolved("revolved", ends, profile, sides);
     let triangle = |face: &Vec<u32>| [face[0], face[1], face[2]];
     (shape.vertices, shape.faces.iter().map(triangle).collect())
 }
@@ -30,13 +30,13 @@ fn along(ring: u32) -> f64 {
 #[test]
 fn a_hollow_dumbbell_is_cut_like_a_solid_one_and_its_inside_follows() {
     let outside: Vec<[f64; 2]> = (0..RINGS).map(|ring| [along(ring), dumbbell(along(ring))]).collect();
-    let (positions, faces) = revolved(&outside);
+    let (positions, faces) = revolved(&outside, SIDES);
     let solid = Segmenter::new().run(&Mesh::from_slices(&positions, &faces).unwrap()).unwrap();
     assert!(solid.report().inside().is_none());
     // The wall has the same rings, the other way round, .04 further in; the hole is as wide as the bar.
     let wall = outside.iter().rev().map(|[x, radius]| [0.96 * x, (radius - 0.04).max(0.05)]);
     let whole: Vec<[f64; 2]> = outside.iter().copied().chain(wall).collect();
-    let (positions, faces) = revolved(&whole);
+    let (positions, faces) = revolved(&whole, SIDES);
     let hollow = Segmenter::new().run(&Mesh::from_slices(&positions, &faces).unwrap()).unwrap();
     let enclosed = hollow.report().decision.as_ref().unwrap().enclosed;
     assert!((0.3..0.5).contains(&enclosed.walls) && enclosed.bodies == 0., "{enclosed:?}");
@@ -78,4 +78,40 @@ fn a_hollow_dumbbell_is_cut_like_a_solid_one_and_its_inside_follows() {
     assert!(range.report().walls_label.is_some());
     let solid = Segmenter::new().walls(Walls::Own).run(&Mesh::creature(3_000).unwrap()).unwrap();
     assert!(solid.report().walls_label.is_none());
+}
+
+/// Regression: a cavity that is a closed surface of its own counted as a body within, since every closed component is
+/// oriented outward.
+#[test]
+fn a_closed_cavity_is_a_wall_if_it_is_wound_against_the_outside() {
+    for (sides, rings) in [(SIDES, RINGS), (180, 120)] {
+        let x = |ring: u32| -0.99 + 1.98 * f64::from(ring) / f64::from(rings - 1);
+        let outside: Vec<[f64; 2]> = (0..rings).map(|ring| [x(ring), dumbbell(x(ring))]).collect();
+        let within: Vec<[f64; 2]> = outside.iter().map(|[x, radius]| [0.96 * x, (radius - 0.04).max(0.05)]).collect();
+        let ([mut positions, inner], [outer, cavity]) = {
+            let (a, b) = (revolved(&outside, sides), revolved(&within, sides));
+            ([a.0, b.0], [a.1, b.1])
+        };
+        let solid = Segmenter::new().run(&Mesh::from_slices(&positions, &outer).unwrap()).unwrap();
+        let first = positions.len() as u32;
+        positions.extend(inner);
+        let turned = |faces: &[[u32; 3]], turn: bool| -> Vec<[u32; 3]> {
+            faces.iter().map(|&[a, b, c]| if turn { [a, c, b] } else { [a, b, c] }).collect()
+        };
+        let cavity: Vec<[u32; 3]> = cavity.iter().map(|face| face.map(|v| v + first)).collect();
+        for turns in [[false, true], [true, false], [false, false], [true, true]] {
+            let faces = [turned(&outer, turns[0]), turned(&cavity, turns[1])].concat();
+            let cut = Segmenter::new().run(&Mesh::from_slices(&positions, &faces).unwrap()).unwrap();
+            let enclosed = cut.report().decision.as_ref().unwrap().enclosed;
+            if turns[0] == turns[1] {
+                assert!(enclosed.walls < 0.05, "{turns:?}: {enclosed:?}");
+                continue;
+            }
+            assert!(enclosed.walls > 0.3 && enclosed.bodies == 0., "{turns:?}: {enclosed:?}");
+            let (labels, n) = (cut.labels(), outer.len());
+            let same = (0..n).filter(|&face| labels[face] == solid.labels()[face]).count();
+            let followed = (0..n).filter(|&face| labels[face] == labels[n + face]).count();
+            assert!(same * 100 > n * 95 && followed * 100 > n * 90, "{turns:?}: {same} and {followed} of {n}");
+        }
+    }
 }

@@ -27,6 +27,9 @@ pub struct CellGraph {
     pub centre: Vec<[f64; 3]>,
     /// Outward unit normal of each cell, the area-weighted mean of its faces' (S).
     pub normal: Vec<[f64; 3]>,
+    /// Whether the winding of each cell in the file is against its normal (S); empty if none is.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub flipped: Vec<bool>,
     /// Neighbouring cells (m).
     pub pairs: Vec<[u32; 2]>,
     /// Length of the common boundary of each pair (m).
@@ -104,6 +107,7 @@ impl CellGraph {
             area: of(&self.area, share),
             centre: kept.iter().map(|&i| self.centre[i as usize].map(|x| x * unit)).collect(),
             normal: kept.iter().map(|&i| self.normal[i as usize]).collect(),
+            flipped: kept.iter().filter_map(|&i| self.flipped.get(i as usize).copied()).collect(),
             ..CellGraph::default()
         };
         for (k, &[i, j]) in self.pairs.iter().enumerate() {
@@ -125,7 +129,8 @@ impl CellGraph {
     /// If the arrays' sizes disagree or a pair names a cell that does not exist.
     pub fn cleaned(&self) -> Result<CellGraph> {
         let (n, m) = (self.len(), self.pairs.len());
-        let sizes = [self.centre.len() == n, self.normal.len() == n, self.length.len() == m];
+        let flipped = self.flipped.is_empty() || self.flipped.len() == n;
+        let sizes = [self.centre.len() == n, self.normal.len() == n, flipped, self.length.len() == m];
         let angles = [self.concave.len() == m, self.convex.len() == m, self.convex04.len() == m];
         let known = self.pairs.iter().flatten().all(|&i| (i as usize) < n);
         if !(sizes.iter().chain(&angles).all(|x| *x) && known) {
@@ -138,7 +143,7 @@ impl CellGraph {
         let positive = |x: f64| if x.is_finite() && x > 0.0 { x } else { 0.0 };
         let finite = |x: f64| if x.is_finite() { x.clamp(-1e100, 1e100) } else { 0.0 };
         let area = self.area.iter().map(|&a| positive(a)).collect();
-        let mut g = CellGraph { seed: self.names(), area, ..CellGraph::default() };
+        let mut g = CellGraph { seed: self.names(), area, flipped: self.flipped.clone(), ..CellGraph::default() };
         let mean = g.total_area() / n.max(1) as f64;
         if mean > 0.0 && mean.is_finite() {
             g.area.iter_mut().for_each(|a| *a = a.max(AREA_FLOOR * mean));
@@ -526,6 +531,7 @@ mod tests {
             concave: vec![f64::NAN, 0.0],
             convex: vec![0.0; 2],
             convex04: vec![0.0; 2],
+            ..CellGraph::default()
         };
         let clean = g.cleaned().unwrap();
         assert_eq!(clean.area, [0.5, 0.5]);

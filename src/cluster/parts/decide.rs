@@ -44,6 +44,7 @@ use crate::store::run::Run;
 ///     concave: (1..24).map(|i| step(i) - 0.2).collect(),
 ///     convex: vec![0.; 23],
 ///     convex04: vec![0.; 23],
+///     ..CellGraph::default()
 /// };
 /// let distance = |a: u32, b: u32| (a.min(b) + 1..=a.max(b)).map(step).sum::<f64>();
 /// let rows: Vec<f64> = (0..6).flat_map(|k| (0..24).map(move |i| distance(4 * k, i))).collect();

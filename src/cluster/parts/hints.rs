@@ -227,6 +227,7 @@ mod tests {
             concave: vec![0.; 11],
             convex: vec![0.; 11],
             convex04: vec![0.; 11],
+            ..CellGraph::default()
         };
         let superfaces = Superfaces::kept((0..n).map(|i| i / 3).collect(), vec![3.; 4]).unwrap();
         let c = (0..16).map(|k| 0.9 - 0.2 * f64::from((k / 4i32 - k % 4).abs())).collect();

@@ -177,6 +177,7 @@ pub fn sheet_with_back(cells: &CellGraph) -> Option<CellGraph> {
     let flat = vec![0.0; pairs.len()];
     Some(CellGraph {
         seed: Vec::new(),
+        flipped: Vec::new(),
         area: cells.area.iter().chain(&cells.area).map(|x| 0.5 * x).collect(),
         centre: centre.map(|x| x.map(|x| FRAC_1_SQRT_2 * x)).collect(),
         normal: cells.normal.iter().copied().chain(cells.normal.iter().map(turned)).collect(),

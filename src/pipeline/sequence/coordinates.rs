@@ -10,7 +10,7 @@ use crate::base::sort::map_of;
 use crate::base::{Result, eigen};
 use crate::distance::DistanceRows;
 use crate::graph::DualGraph;
-use crate::graph::half_edge_pairs::OPPOSITE_WINDING;
+use crate::graph::components::FLIPPED;
 use crate::mesh::Mesh;
 use crate::spectral::embedding::KernelWidth;
 use crate::spectral::{Embedding, EmbeddingParams, Kernel, Normalisation, SampledColumns};
@@ -112,7 +112,7 @@ pub(super) struct Task<'a> {
 impl Task<'_> {
     /// First node of the component of `node`.
     fn root(&self, node: usize) -> u32 {
-        self.graph.components.as_ref().map_or(0, |roots| roots[node] & !OPPOSITE_WINDING)
+        self.graph.components.as_ref().map_or(0, |roots| roots[node] & !FLIPPED)
     }
 
     /// Embeds chunks of faces ([`Embedding::for_each_chunk`]).
@@ -126,8 +126,8 @@ impl Task<'_> {
         let mut directions = Directions { usual: [unit(1), unit(2)], own: BTreeMap::new() };
         let Some(roots) = &self.graph.components else { return Ok(directions) };
         let mut sizes: BTreeMap<u32, u64> = BTreeMap::new();
-        for run in roots.chunk_by(|a, b| a & !OPPOSITE_WINDING == b & !OPPOSITE_WINDING) {
-            *sizes.entry(run[0] & !OPPOSITE_WINDING).or_default() += run.len() as u64;
+        for run in roots.chunk_by(|a, b| a & !FLIPPED == b & !FLIPPED) {
+            *sizes.entry(run[0] & !FLIPPED).or_default() += run.len() as u64;
             // Specks may come by the million and are dropped as they come.
             if sizes.len() > MOST {
                 self.context.run.cancel.check()?;

@@ -8,12 +8,17 @@
 //! Otherwise it belongs to a body within. A minimum cut of the hidden cells separates the two kinds, so single cells do
 //! not decide. Bodies within are a layer of their own, to which the same procedure is applied, and so on.
 //!
+//! Cavities that are closed surfaces of their own are known by their winding ([`super::cavities`]), even behind walls
+//! too thin to make them dark; their rays start into the solid too.
+//!
 //! Folds hide much of a surface too, but gradually. A cavity is dark right up to its openings, so a surface encloses
-//! something only if nearly all of its hidden area is dark. Cups and vases are open to the light.
+//! something only if nearly all of its hidden area is dark. Cups and vases are open to the light. If folds hide more,
+//! only components that are dark as a whole are within.
 //!
 //! Cost: exposure from few directions, and from many if much is dim; if something is enclosed, also rays behind the
 //! hidden cells, and one more pass per layer.
 
+use super::cavities::{closed_cavities, turned};
 use super::exposure::{Directions, exposure};
 use crate::base::Result;
 use crate::base::vector::distance;
@@ -121,22 +126,16 @@ struct Inside {
 
 impl Inside {
     fn of(cells: &CellGraph, run: &Run) -> Result<Option<Self>> {
-        let total = cells.total_area();
-        let darker = |exposure: &[f64], than: f64| {
-            exposure.iter().zip(&cells.area).filter(|(x, _)| **x < than).map(|(_, area)| area / total).sum::<f64>()
+        let cavities = closed_cavities(cells, run)?;
+        let is_seen = match (seen(cells, run)?, &cavities) {
+            (None, None) => return Ok(None),
+            (Some(seen), None) => seen,
+            (None, Some(cavities)) => cavities.iter().map(|&is_cavity| !is_cavity).collect(),
+            (Some(seen), Some(cavities)) => seen.iter().zip(cavities).map(|(&seen, cavity)| seen && !cavity).collect(),
         };
-        if darker(&exposure(cells, Directions::Few, run)?, HIDDEN) < LEAST_SHARE {
-            return Ok(None);
-        }
-        let exposure = exposure(cells, Directions::Many, run)?;
-        let [dark, hidden] = [DARK, HIDDEN].map(|than| darker(&exposure, than));
-        // If next to nothing is visible, it is a room scanned from within.
-        if dark < LEAST_SHARE || hidden > MOST_HIDDEN_PER_DARK * dark || 1. - hidden < LEAST_SHARE {
-            return Ok(None);
-        }
-        let is_seen: Vec<bool> = exposure.iter().map(|x| *x >= HIDDEN).collect();
+        let turned = cavities.map(|cavities| turned(cells, &cavities));
         let hidden: Vec<u32> = (0..cells.len() as u32).filter(|&i| !is_seen[i as usize]).collect();
-        let hits = first_hits(cells, &hidden, run)?;
+        let hits = first_hits(turned.as_ref().unwrap_or(cells), &hidden, run)?;
         let mut behind = vec![None; cells.len()];
         for (&cell, hits) in hidden.iter().zip(&hits) {
             behind[cell as usize] = hits.iter().copied().find(|&j| is_seen[j as usize]);
@@ -158,6 +157,40 @@ impl Inside {
         let area = class_sums(&piece, &cells.area_shares(), pieces);
         within.iter().zip(&piece).map(|(&within, &piece)| within == 1 && area[piece as usize] >= least).collect()
     }
+}
+
+/// Whether each cell is visible from outside (S); `None` if hardly any is hidden, or none belongs to an inside.
+///
+/// # Errors
+/// Cancellation.
+fn seen(cells: &CellGraph, run: &Run) -> Result<Option<Vec<bool>>> {
+    let total = cells.total_area();
+    let darker = |exposure: &[f64], than: f64| {
+        exposure.iter().zip(&cells.area).filter(|(x, _)| **x < than).map(|(_, area)| area / total).sum::<f64>()
+    };
+    if darker(&exposure(cells, Directions::Few, run)?, HIDDEN) < LEAST_SHARE {
+        return Ok(None);
+    }
+    let exposure = exposure(cells, Directions::Many, run)?;
+    let [dark, hidden] = [DARK, HIDDEN].map(|than| darker(&exposure, than));
+    // If next to nothing is visible, it is a room scanned from within.
+    if dark < LEAST_SHARE || 1. - hidden < LEAST_SHARE {
+        return Ok(None);
+    }
+    if hidden <= MOST_HIDDEN_PER_DARK * dark {
+        return Ok(Some(exposure.iter().map(|x| *x >= HIDDEN).collect()));
+    }
+    let is_seen = beside_dark_components(cells, &exposure);
+    let within: f64 = is_seen.iter().zip(&cells.area).filter(|(seen, _)| !**seen).map(|(_, area)| area / total).sum();
+    Ok((within >= LEAST_SHARE).then_some(is_seen))
+}
+
+/// Whether each cell is not in a component that is dark as a whole (S).
+fn beside_dark_components(cells: &CellGraph, exposure: &[f64]) -> Vec<bool> {
+    let (component, count) = connected_pieces(&cells.pairs, &vec![0; cells.len()]);
+    let light: Vec<f64> = exposure.iter().zip(&cells.area).map(|(x, area)| x * area).collect();
+    let [light, area] = [&light, &cells.area].map(|values| class_sums(&component, values, count));
+    component.iter().map(|&k| light[k as usize] >= DARK * area[k as usize]).collect()
 }
 
 /// For each of the `hidden` cells, the share of walks that reach a cell that `is_seen`; a step goes to any of `hits`. ½
@@ -210,7 +243,11 @@ mod tests {
     use super::*;
 
     fn layers(all: &[(f64, usize, bool)]) -> Option<Layers> {
-        let mut cells = balls(all);
+        layers_of(balls(all), all)
+    }
+
+    /// The layers of `cells`, which are [`balls`] of these.
+    fn layers_of(mut cells: CellGraph, all: &[(f64, usize, bool)]) -> Option<Layers> {
         // Adjacent along the spiral; no edge joins two balls.
         let mut first = 0;
         for &(_, n, _) in all {
@@ -238,6 +275,35 @@ mod tests {
         assert!(shell.follows.iter().zip(0..).all(near));
         let enclosed = shell.enclosed(&cells.area_shares());
         assert!((enclosed.walls - 0.81 / 1.81).abs() < 1e-12 && enclosed.bodies == 0., "{enclosed:?}");
+    }
+
+    /// Every closed component is oriented outward; the winding in the file tells a cavity.
+    #[test]
+    fn what_was_flipped_unlike_the_outside_is_a_wall() {
+        let all = [(1., 1100, false), (0.9, 900, false)];
+        let with = |flipped: [bool; 2]| {
+            let mut cells = balls(&all);
+            cells.flipped = [vec![flipped[0]; 1100], vec![flipped[1]; 900]].concat();
+            layers_of(cells, &all).unwrap()
+        };
+        for cavity in [[false, true], [true, false]] {
+            let shell = with(cavity);
+            assert_eq!(shell.layers, [(0..1100).collect::<Vec<u32>>()]);
+            assert!(shell.follows.iter().all(|&to| to < 1100));
+        }
+        assert_eq!(with([true, true]).layers.len(), 2);
+    }
+
+    /// Regression: behind folds of the outside that hide more than the inside does, a cavity was part of the surface.
+    #[test]
+    fn components_that_are_dark_as_a_whole_are_within_whatever_folds_hide() {
+        let mut cells = balls(&[(1., 1100, false), (0.5, 400, false)]);
+        cells.pairs = (1..1100).chain(1101..1500).map(|i| [i - 1, i]).collect();
+        let exposure: Vec<f64> = (0..1500).map(|i| if i < 1100 { 0.3 } else { 0.01 }).collect();
+        let seen = beside_dark_components(&cells, &exposure);
+        assert!((0..1500).all(|i| seen[i] == (i < 1100)));
+        let fold: Vec<f64> = (0..1500).map(|i| if i < 200 { 0. } else { 0.3 }).collect();
+        assert!(beside_dark_components(&cells, &fold).iter().all(|&seen| seen));
     }
 
     #[test]

@@ -57,10 +57,31 @@ const POINTS: [[f64; 2]; 12] = {
 /// # Errors
 /// Cancellation.
 pub(super) fn exposure(cells: &CellGraph, directions: Directions, run: &Run) -> Result<Vec<f64>> {
+    shares_seen(cells, directions, |_| true, 1., run)
+}
+
+/// The same if only cells that are not `among` (S) hide others. These lie on other surfaces, so any of their discs
+/// hides what is behind it, however near.
+///
+/// # Errors
+/// Cancellation.
+pub(super) fn exposure_behind_others(cells: &CellGraph, among: &[bool], run: &Run) -> Result<Vec<f64>> {
+    shares_seen(cells, Directions::Few, |i| !among[i], 0., run)
+}
+
+/// The exposure of cells behind those that `hides`; a disc hides what is more than `slack` radii behind it.
+fn shares_seen(
+    cells: &CellGraph,
+    directions: Directions,
+    hides: impl Fn(usize) -> bool + Sync,
+    slack: f64,
+    run: &Run,
+) -> Result<Vec<f64>> {
     let discs: Vec<Disc> =
         cells.radii().into_iter().enumerate().map(|(i, radius)| Disc::of(cells, i, radius)).collect();
     let axes = axes(directions);
-    let pictures = run.map_chunks(axes.len(), Vec::new, |k, depths| Ok(seen_along(&discs, axes[k], depths)))?;
+    let picture = |k: usize, depths: &mut Vec<[f32; 2]>| Ok(seen_along(&discs, axes[k], &hides, slack, depths));
+    let pictures = run.map_chunks(axes.len(), Vec::new, picture)?;
     let mut seen = vec![0.; cells.len()];
     let mut facing = vec![0.; cells.len()];
     for (picture, axis) in pictures.iter().zip(&axes) {
@@ -105,8 +126,15 @@ fn axes(directions: Directions) -> Vec<[f64; 3]> {
     all.filter(|v| first(v) && !even(v)).map(|v| unit(v.map(f64::from))).collect()
 }
 
-/// Whether each of `discs` is visible along `axis`, from the end that it faces. `depths` is a buffer for a picture.
-fn seen_along(discs: &[Disc], axis: [f64; 3], depths: &mut Vec<[f32; 2]>) -> Vec<bool> {
+/// Whether each of `discs` is visible along `axis`, from the end that it faces, behind those that `hides`. `depths` is
+/// a buffer for a picture.
+fn seen_along(
+    discs: &[Disc],
+    axis: [f64; 3],
+    hides: &impl Fn(usize) -> bool,
+    slack: f64,
+    depths: &mut Vec<[f32; 2]>,
+) -> Vec<bool> {
     let square = discs.iter().map(|disc| disc.radius * disc.radius).sum::<f64>() / discs.len().max(1) as f64;
     let per_pixel = 1. / (PIXEL * square.sqrt());
     let [right, up] = tangents(axis).map_each(|t| t.map_each(|x| x * per_pixel));
@@ -129,7 +157,7 @@ fn seen_along(discs: &[Disc], axis: [f64; 3], depths: &mut Vec<[f32; 2]>) -> Vec
     let at = |x: [f64; 3]| ((dot(x, up) - low[1]) as usize * width + (dot(x, right) - low[0]) as usize).min(last);
     depths.clear();
     depths.resize(last + 1, [f32::INFINITY, f32::NEG_INFINITY]);
-    for disc in discs {
+    for (_, disc) in discs.iter().enumerate().filter(|(i, _)| hides(*i)) {
         for &x in &disc.points {
             let [nearest, farthest] = &mut depths[at(x)];
             let depth = dot(x, axis) as f32;
@@ -139,9 +167,9 @@ fn seen_along(discs: &[Disc], axis: [f64; 3], depths: &mut Vec<[f32; 2]>) -> Vec
     let seen = |disc: &Disc| {
         let ([nearest, farthest], depth) = (depths[at(disc.centre())], dot(disc.centre(), axis));
         if dot(disc.normal, axis) > 0. {
-            depth >= f64::from(farthest) - disc.radius
+            depth >= f64::from(farthest) - slack * disc.radius
         } else {
-            depth <= f64::from(nearest) + disc.radius
+            depth <= f64::from(nearest) + slack * disc.radius
         }
     };
     discs.iter().map(seen).collect()
