@@ -255,3 +255,18 @@ def test_empty_paths_and_matches_that_are_none_are_refused(tmp_path):
     m.matches = np.ma.masked_array([3, 1], mask=[True, False])
     m.save(tmp_path / "m.csv")
     assert "0,-1," in (tmp_path / "m.csv").read_text()
+
+
+def test_confidences_that_are_not_one_per_face_are_refused(tmp_path):
+    """Regression: two columns were told as "dimensionality mismatch", and masked ones were written."""
+    cut = nystrom_stream.segment(trimesh.creation.icosphere(), parts=2)
+    n = len(cut.labels)
+    for quality, told in [
+        (np.zeros((n, 2)), f"quality: {n}×2 for {n} faces; give one per face"),
+        (np.zeros(3), f"quality: 3 for {n} faces"),
+        (np.ma.masked_array(np.zeros(n), mask=True), "quality: some values are masked"),
+    ]:
+        cut.quality = quality
+        with pytest.raises(ValueError, match=told):
+            cut.save(tmp_path / "x.ply")
+    assert os.listdir(tmp_path) == []

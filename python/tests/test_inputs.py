@@ -232,6 +232,12 @@ def test_masks_are_heeded(mesh, cut):
     assert nystrom_stream.measure(square, np.ma.masked_array([[0, 1, 2, 3]]))["quads"] == 1
     with pytest.raises(ValueError, match="vertices: some values are masked"):
         nystrom_stream.measure(np.ma.masked_array(square, mask=np.eye(4, 3)), [[0, 1, 2]])
+    # Regression: lists of masked rows lost their masks, as did colours and confidences.
+    assert nystrom_stream.measure(square, list(masked))["quads"] == 1
+    with pytest.raises(ValueError, match="vertices: some values are masked"):
+        nystrom_stream.measure(list(np.ma.masked_array(square, mask=np.eye(4, 3))), [[0, 1, 2]])
+    with pytest.raises(ValueError, match="colours: some values are masked"):
+        cut.picture(colours=np.ma.masked_array(np.zeros((len(cut), 3)), mask=True))
     none = np.ma.masked_array(np.arange(len(faces)), mask=True)
     assert (nystrom_stream.segment(vertices, faces, 3, hints=none).labels == cut.labels).all()
     labels = np.ma.masked_array(cut.labels, mask=cut.labels == 0)

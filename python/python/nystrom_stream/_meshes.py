@@ -111,19 +111,22 @@ def packed(values: NDArray[Any], kind: Any = None) -> NDArray[Any]:
 
 
 def listed(name: str, values: Any) -> NDArray[Any]:
-    """`values` as an array of any shape and type."""
+    """`values` as an array of any shape and type; refused if some are masked."""
     try:
-        table: NDArray[Any] = np.asarray(values)
+        # `numpy.asarray` would drop the masks of rows.
+        has_masks = isinstance(values, (list, tuple)) and any(isinstance(row, np.ma.MaskedArray) for row in values)
+        table = np.ma.stack(values) if has_masks else values if isinstance(values, np.ma.MaskedArray) else np.asarray(values)
     except ValueError as error:
         raise ValueError(f"{name}: rows differ in length") from error
-    return table
+    plain: NDArray[Any] = unmasked(name, table)
+    return plain
 
 
 def array(name: str, values: Any, columns: Optional[int] = None) -> NDArray[Any]:
     """`values` as a two-dimensional array of numbers: of anything that NumPy takes, a pandas table or a tensor too."""
     if hasattr(values, "detach"):
         values = values.detach().cpu()
-    table = listed(name, unmasked(name, values))
+    table = listed(name, values)
     if table.dtype == object:
         raise TypeError(f"{name}: not an array of numbers")
     if table.ndim != 2 or (columns is not None and table.shape[1] != columns):
@@ -158,7 +161,9 @@ def from_arrays(vertices: ArrayLike, faces: Any) -> _native.Mesh:
     of a face are none."""
     vertices = _positions(vertices)
     if isinstance(faces, np.ma.MaskedArray) and faces.ndim == 2 and np.ma.getmaskarray(faces).any():
-        faces = [face.compressed() for face in faces]
+        faces = list(faces)
+    if isinstance(faces, (list, tuple)):
+        faces = [face.compressed() if isinstance(face, np.ma.MaskedArray) else face for face in faces]
     if not isinstance(faces, (list, tuple)) and np.ndim(faces) == 0:
         raise TypeError(f"faces: a {type(faces).__name__}; give an array, or a list of the corners of each face")
     if isinstance(faces, (list, tuple)):
@@ -285,6 +290,14 @@ def as_labels(labels: Any, faces: int, name: str = "labels", partial: bool = Fal
     if len(labels) and labels.max() > MOST:
         raise ValueError(f"{name}: {labels.max()} exceeds 32 bits; number parts from 0")
     return packed(labels, np.uint32)
+
+
+def as_quality(quality: Any, faces: int) -> NDArray[np.float32]:
+    """One confidence per face as float32."""
+    quality = listed("quality", quality)
+    if quality.ndim != 1 or len(quality) != faces:
+        raise ValueError(f"quality: {'×'.join(map(str, quality.shape))} for {faces} faces; give one per face")
+    return packed(quality, np.float32)
 
 
 def number_parts(labels: NDArray[Any]) -> bool:

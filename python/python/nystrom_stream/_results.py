@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _native
 from ._edits import Edits, Names, as_edits, as_names, protects, started, started_from, text_of
 from ._meshes import (
-    MOST, Path, Progress, as_colours, as_labels, as_path, flag, listed, number_parts, packed, part_number, unmasked, whole
+    MOST, Path, Progress, as_colours, as_labels, as_path, as_quality, flag, listed, number_parts, packed, part_number, unmasked, whole
 )
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ class _Labelled(_OfMesh):
         if isinstance(path, os.PathLike) and not os.path.splitext(path)[1]:
             path = os.path.join(path, "")
         labels, names = as_labels(self.labels, self._mesh.faces), self._names if any(self._names) else []
-        quality = None if self.quality is None else packed(self.quality, np.float32)
+        quality = None if self.quality is None else as_quality(self.quality, self._mesh.faces)
         # Labels alone may be any numbers.
         bare = self._colours is None and as_path("path", path).lower().endswith((".npy", ".seg"))
         # Labels may have been assigned; the other formats check them as they are written.
