@@ -15,7 +15,7 @@ use super::segment::{Job, SegmentArgs, Task, one};
 use super::sink::{OpenSink, Sink, check_distinct, check_outside};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::parallel::{catch, lock, spawn};
-use nystrom_stream::base::printable::{counted, human, noun};
+use nystrom_stream::base::printable::counted;
 use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, input};
@@ -123,8 +123,8 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let report = one(&job, task, &bars, &run, app)?;
     args.json.publish(&report)?;
     report.remarks(&params).iter().for_each(|text| run.progress.note(text));
-    let faces = format!("{} {}", human(report.input.faces as f64), noun(report.input.faces as usize, "face"));
-    run.progress.note_of_work(&closing_line(&faces, report.parts_with_faces(), start, &job.outputs));
+    let faces = report.input.faces as usize;
+    run.progress.note_of_work(&closing_line(faces, report.parts_with_faces(), start, &job.outputs));
     Ok(())
 }
 

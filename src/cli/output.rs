@@ -7,7 +7,7 @@ use nystrom_stream::SaveOptions;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::split::{self, PartForm};
 use nystrom_stream::apps::picture::{NO_PICTURE, PictureParams};
-use nystrom_stream::base::printable::counted;
+use nystrom_stream::base::printable::{counted, human, noun};
 use nystrom_stream::base::{Error, Result, RunLog, printable};
 use nystrom_stream::mesh::ply::labelled::PlyForm;
 use nystrom_stream::mesh::{Document, Mesh, ends_with};
@@ -321,11 +321,16 @@ pub fn check_folders<'a>(
     }
 }
 
+/// How many `faces` are in how many `parts`, rounded as on the lines of stages.
+pub fn faces_in_parts(faces: usize, parts: usize) -> String {
+    format!("{} {} in {}", human(faces as f64), noun(faces, "face"), counted(parts, "part"))
+}
+
 /// The last line of a command: how many `faces` are in how many `parts`, the time it took, and the outputs.
-pub fn closing_line(faces: &str, parts: usize, start: Instant, outputs: &[Output]) -> String {
+pub fn closing_line(faces: usize, parts: usize, start: Instant, outputs: &[Output]) -> String {
     let outputs: Vec<String> = outputs.iter().map(Output::to_string).collect();
-    let (parts, seconds) = (counted(parts, "part"), start.elapsed().as_secs_f64());
-    format!("{faces} in {parts} in {seconds:.2} s, written to {}", outputs.join(", "))
+    let seconds = start.elapsed().as_secs_f64();
+    format!("{} in {seconds:.2} s, written to {}", faces_in_parts(faces, parts), outputs.join(", "))
 }
 
 /// Rejects a table of names if neither any of `outputs` nor `json` would contain them.

@@ -225,7 +225,7 @@ pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) 
     }
     let likeness = transferred.as_ref().map(|transferred| &transferred.facts);
     if let Some(facts) = likeness.filter(|facts| facts.needs_check) {
-        run.progress.note(&format!("check {}: {}", path.display(), doubts(facts)));
+        run.progress.note(&format!("{}: check the {}", path.display(), doubts(facts)));
     }
     let report = || {
         let (context, peak) = (Context::new(&work, run), Some((app.peak)()));

@@ -11,12 +11,14 @@ use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
 use super::options::{
     AppContext, CliError, ForceArgs, ResourceArgs, RunArgs, ScratchArgs, ShownArgs, WorkDirArgs, misfit, open,
 };
-use super::output::{FormArgs, JsonArgs, Output, check_folders, check_names, closing_line, outputs_of, scratch_folder};
+use super::output::{
+    FormArgs, JsonArgs, Output, check_folders, check_names, closing_line, faces_in_parts, outputs_of, scratch_folder,
+};
 use super::results::Cut;
 use super::sink::{check_places, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::Error;
-use nystrom_stream::base::printable::{counted, line};
+use nystrom_stream::base::printable::line;
 use nystrom_stream::cluster::two_means;
 use nystrom_stream::distance::shard;
 use nystrom_stream::graph::Order;
@@ -375,14 +377,13 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let report = report()?;
     args.json.publish(&report)?;
     report.remarks(&params).iter().for_each(|text| run.progress.note(text));
-    let (parts, faces) = (result.numbers.faces.len(), result.labels.len());
-    let faces = counted(faces, "face");
+    let (parts, faces) = (report.parts_with_faces(), result.labels.len());
     if !outputs.is_empty() {
-        run.progress.note_of_work(&closing_line(&faces, parts, start, &outputs));
+        run.progress.note_of_work(&closing_line(faces, parts, start, &outputs));
     } else if args.json.json.is_none() && !args.run.shown.quiet {
         let path = work.file(labels::LABELS);
-        let parts = counted(parts, "part");
-        let text = format!("{faces} in {parts}, labels in {}; -o OUT writes a mesh\n", line(&path.to_string_lossy()));
+        let (what, path) = (faces_in_parts(faces, parts), path.to_string_lossy());
+        let text = format!("{what}, labels in {}; -o OUT writes a mesh\n", line(&path));
         print(text.as_bytes())?;
     }
     Ok(())
