@@ -13,7 +13,8 @@
 //! work directory, in memory where the budget has room.
 //!
 //! The components' array then tells which faces were flipped ([`FLIPPED`]), so that a cavity, wound against what
-//! surrounds it, can be told from a body within it (`cluster/parts/interior`).
+//! surrounds it, can be told from a body within it (`cluster/parts/interior`). It is written again only if something
+//! was flipped: 4 bytes per node.
 
 use super::components::{self, Components, FLIPPED};
 use super::dual_edges::{DualEdges, EDGES};
