@@ -92,13 +92,19 @@ pub(crate) fn double_area_vector(spokes: impl IntoIterator<Item = [f64; 3]>) -> 
 /// The ear-clipping triangles of a loop with corners `at`, in the plane of its area vector, wound like the loop; `None`
 /// unless they use all corners and do not fold.
 pub(crate) fn clipped(at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<Vec<[u32; 3]>> {
+    let normal = double_area_vector(at.iter().map(|&p| minus(p, at[0])));
+    clipped_along(at, normal, clipper)
+}
+
+/// The same in the plane across `normal`, of any length.
+pub(crate) fn clipped_along(at: &[[f64; 3]], normal: [f64; 3], clipper: &mut Earcut<f64>) -> Option<Vec<[u32; 3]>> {
     let spokes: Vec<[f64; 3]> = at.iter().map(|&p| minus(p, at[0])).collect();
-    let normal = double_area_vector(spokes.iter().copied());
-    let size = length(normal);
-    if !size.is_normal() {
+    let norm = length(normal);
+    let normal = normal.map(|x| x / norm);
+    let size = dot(double_area_vector(spokes.iter().copied()), normal);
+    if !(norm.is_normal() && size > 0. && size.is_normal()) {
         return None;
     }
-    let normal = normal.map(|x| x / size);
     let least = (0..3).min_by(|&i, &j| normal[i].abs().total_cmp(&normal[j].abs())).unwrap_or(0);
     let mut axis = [0.; 3];
     axis[least] = 1.;

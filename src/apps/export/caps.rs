@@ -1,24 +1,24 @@
 //! Caps that close a part where it was cut from its neighbours, or has a hole: with them, parts of a closed mesh are
 //! solids.
 //!
-//! Open edges of the part are joined into loops; a loop that touches itself is divided into simple ones. A loop is
-//! filled by ear clipping in the plane of its area vector (Newell's). If that does not use each of its edges once,
-//! folds, or would duplicate an edge of the part or one next to the cut, it is filled by a fan around its centre, which
-//! always closes it, but may intersect itself if the loop is far from flat and convex. Both sides of a loop get the
-//! same triangles, so volumes of parts add up to that of the whole if each loop lies between two parts; caps of parts
-//! that meet three at a time need not fill what they enclose. The diagonals of triangulated polygons count as edges
-//! too, since STL files consist of triangles.
+//! Open edges of the part are joined into loops ([`super::cap_loops`]); a loop that touches itself is divided into
+//! simple ones. A loop is filled flat, and together with that of a cavity within it. If that is impossible, or would
+//! duplicate an edge of the part or one next to the cut, each is filled by a fan around its centre, which always closes
+//! it, but may intersect itself if the loop is far from flat and convex. Both sides of a loop get the same triangles,
+//! so volumes of parts add up to that of the whole if each loop lies between two parts; caps of parts that meet three
+//! at a time need not fill what they enclose. The diagonals of triangulated polygons count as edges too, since STL
+//! files consist of triangles.
 //!
 //! Vertices at the same position count as one. Cost: a sort of the edges, as many at a time as the budget has room for,
 //! with a pass over the part for each such block; from the budget also two bits per vertex of the mesh, [`OPEN`] per
 //! open edge, and 8 bytes for each edge between open ones.
 
+use super::cap_loops::{Filling, Loop, band, edges_of, ends, filled, loops, middle, nested, without_partner};
 use crate::base::Result;
 use crate::base::bit_set::BitSet;
-use crate::base::sort::sort_by;
-use crate::base::vector::{distance, finite, position_key};
+use crate::base::vector::{finite, position_key};
+use crate::mesh::Mesh;
 use crate::mesh::split_faces::boundary_vertices;
-use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use crate::store::budget::Grant;
 use earcut::Earcut;
@@ -32,7 +32,7 @@ const CHUNK: usize = 1 << 16;
 const LEAST: u64 = 1 << 12;
 
 /// Bytes per open edge while edges are joined into loops.
-const OPEN: u64 = 130;
+const OPEN: u64 = 220;
 
 /// A corner of a cap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -142,94 +142,6 @@ fn in_blocks<T>(
     Ok(())
 }
 
-/// A face's directed edges that are not a point.
-fn edges_of(face: &[u32]) -> impl Iterator<Item = [u32; 2]> {
-    let turned = face.iter().cycle().skip(1);
-    face.iter().zip(turned).map(|(&a, &b)| [a, b]).filter(|[a, b]| a != b)
-}
-
-/// The ends of an edge, the smaller first.
-fn ends([a, b]: [u32; 2]) -> [u32; 2] {
-    [a.min(b), a.max(b)]
-}
-
-/// Sorts directed edges by their ends. Returns those without a partner, and the number that rule out a solid.
-fn without_partner(edges: &mut [[u32; 2]]) -> (Vec<[u32; 2]>, u64) {
-    edges.sort_unstable_by_key(|&edge| (ends(edge), edge));
-    let (mut open, mut flaws) = (Vec::new(), 0);
-    for same in edges.chunk_by(|&a, &b| ends(a) == ends(b)) {
-        let (ascending, descending) = same.split_at(same.partition_point(|[a, b]| a < b));
-        let paired = ascending.len().min(descending.len());
-        match same.len() {
-            1 => open.push(same[0]),
-            2 => flaws += u64::from(paired == 0),
-            _ => {
-                flaws += 1;
-                open.extend_from_slice(&ascending[paired..]);
-                open.extend_from_slice(&descending[paired..]);
-            }
-        }
-    }
-    (open, flaws)
-}
-
-/// Joins directed edges into simple loops; also returns the number of edges in no loop.
-fn loops(mut edges: Vec<[u32; 2]>) -> (Vec<Vec<u32>>, u64) {
-    edges.sort_unstable();
-    // The next unvisited edge from each vertex.
-    let mut next: HashMap<u32, std::ops::Range<usize>> = HashMap::new();
-    for (k, &[from, _]) in edges.iter().enumerate() {
-        next.entry(from).or_insert(k..k).end = k + 1;
-    }
-    let (mut all, mut left) = (Vec::new(), 0);
-    for &[start, _] in &edges {
-        let (mut path, mut place) = (vec![start], HashMap::from([(start, 0)]));
-        while let Some(&here) = path.last() {
-            let Some(k) = next.get_mut(&here).and_then(Iterator::next) else {
-                left += path.len() as u64 - 1;
-                break;
-            };
-            let to = edges[k][1];
-            match place.get(&to).copied() {
-                Some(from) => {
-                    all.push(path[from..].to_vec());
-                    path.drain(from + 1..).for_each(|v| _ = place.remove(&v));
-                }
-                None => {
-                    place.insert(to, path.len());
-                    path.push(to);
-                }
-            }
-        }
-    }
-    (all, left)
-}
-
-/// Rotates the loop to start at its least vertex and go towards the smaller neighbour, so that both sides give the same
-/// loop; also returns whether the direction was reversed.
-fn canonical(mut ring: Vec<u32>) -> (Vec<u32>, bool) {
-    let least = (0..ring.len()).min_by_key(|&k| ring[k]).unwrap_or(0);
-    ring.rotate_left(least);
-    let turned = ring.len() > 2 && ring[ring.len() - 1] < ring[1];
-    if turned {
-        ring[1..].reverse();
-    }
-    (ring, turned)
-}
-
-/// The ear-clipping triangles of a loop in the plane of its area vector, wound against it; `None` unless they use each
-/// of its edges once and do not fold.
-fn clipped(ring: &[u32], at: &[[f64; 3]], clipper: &mut Earcut<f64>) -> Option<Vec<[u32; 3]>> {
-    let n = ring.len();
-    let mut triangles = polygon::clipped(at, clipper)?;
-    triangles.iter_mut().for_each(|t| t.swap(1, 2));
-    let mut edges: Vec<[u32; 2]> = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
-    let (mut rim, flaws) = without_partner(&mut edges);
-    sort_by(&mut rim, |a, b| a[1].cmp(&b[1]));
-    let whole = rim.len() == n && (0..n).all(|k| rim[k] == [((k + 1) % n) as u32, k as u32]);
-    (flaws == 0 && whole).then(|| triangles.into_iter().map(|t| t.map(|k| ring[k as usize])).collect())
-}
-
 impl Caps {
     /// Closes the part whose faces `visit` enumerates; `at_cuts` are the edges at cuts of the mesh. With `by_place`,
     /// edges of different vertices at the same positions count as one when flaws are counted: an STL has only
@@ -258,32 +170,58 @@ impl Caps {
         let (welded, open, more) = weld(mesh, &mut open);
         // Edges of welded vertices are unknown.
         let known = if welded || open.is_empty() { None } else { Some(edges_between(mesh, &open, run, &visit)?) };
-        let (all, left) = loops(open);
-        let mut caps = Caps { flaws: flaws + more + left + nowhere, ..Caps::default() };
+        let (paths, left) = loops(open);
+        let all: Vec<Loop> = paths.into_iter().map(|path| Loop::of(mesh, path)).collect();
+        // Faces at welded edges are unknown.
+        let groups = match welded {
+            true => (0..all.len()).map(|k| vec![k]).collect(),
+            false => nested(mesh, &all, run, &visit)?,
+        };
+        let mut caps = Caps { flaws: flaws + more + left + nowhere, loops: all.len(), ..Caps::default() };
         let (mut clipper, mut chords) = (Earcut::new(), BTreeSet::new());
         let is_known = |edge: [u32; 2]| {
             let part = known.as_ref().map(|(edges, _)| edges);
             part.is_none_or(|edges| [edges, &at_cuts.edges].iter().any(|edges| edges.binary_search(&edge).is_ok()))
         };
-        for ring in all {
+        let mut unless_known = |(triangles, inner): Filling| {
+            let is_free = !inner.iter().any(|edge| is_known(*edge) || chords.contains(edge));
+            is_free.then(|| {
+                chords.extend(inner);
+                triangles
+            })
+        };
+        let against = |[a, b, c]: [Corner; 3], turned: bool| if turned { [a, c, b] } else { [a, b, c] };
+        for group in groups {
             run.cancel.check()?;
-            let (ring, turned) = canonical(ring);
-            let at: Vec<[f64; 3]> = ring.iter().map(|&v| mesh.positions.get(v)).collect();
-            caps.loops += 1;
-            let flat = clipped(&ring, &at, &mut clipper).filter(|triangles| {
-                let inner = inner_edges(&ring, triangles);
-                !inner.iter().any(|&edge| is_known(edge) || !chords.insert(edge))
-            });
-            let filled: Vec<[Corner; 3]> = match flat {
-                Some(triangles) => triangles.into_iter().map(|t| t.map(Corner::Vertex)).collect(),
-                None => {
-                    let centre = Corner::Centre(caps.centres.len() as u32);
-                    caps.centres.push(middle(&at));
-                    let next = ring.iter().cycle().skip(1);
-                    ring.iter().zip(next).map(|(&a, &b)| [Corner::Vertex(b), Corner::Vertex(a), centre]).collect()
-                }
+            let group: Vec<&Loop> = group.into_iter().map(|k| &all[k]).collect();
+            let whole = match group[..] {
+                [_] => None,
+                [outer, inner] => filled(&group, &mut clipper)
+                    .and_then(&mut unless_known)
+                    .or_else(|| band(outer, inner).and_then(&mut unless_known)),
+                _ => filled(&group, &mut clipper).and_then(&mut unless_known),
             };
-            caps.triangles.extend(filled.into_iter().map(|[a, b, c]| if turned { [a, c, b] } else { [a, b, c] }));
+            if let Some(triangles) = whole {
+                let turned = group[0].turned;
+                caps.triangles.extend(triangles.into_iter().map(|t| against(t.map(Corner::Vertex), turned)));
+                continue;
+            }
+            for one in group {
+                let filled: Vec<[Corner; 3]> = match filled(&[one], &mut clipper).and_then(&mut unless_known) {
+                    Some(triangles) => triangles.into_iter().map(|t| t.map(Corner::Vertex)).collect(),
+                    None => {
+                        let centre = Corner::Centre(caps.centres.len() as u32);
+                        caps.centres.push(middle(&one.at));
+                        let next = one.ring.iter().cycle().skip(1);
+                        one.ring
+                            .iter()
+                            .zip(next)
+                            .map(|(&a, &b)| [Corner::Vertex(b), Corner::Vertex(a), centre])
+                            .collect()
+                    }
+                };
+                caps.triangles.extend(filled.into_iter().map(|t| against(t, one.turned)));
+            }
         }
         if by_place {
             caps.flaws += doubled(mesh, &caps.triangles, corners, run, each)?;
@@ -322,24 +260,6 @@ fn edges_between(
         })
     };
     gathered("edges between open edges of a part", run, each)
-}
-
-/// The edges of `triangles` that are not on the loop.
-fn inner_edges(ring: &[u32], triangles: &[[u32; 3]]) -> BTreeSet<[u32; 2]> {
-    let own: BTreeSet<[u32; 2]> = ring.iter().zip(ring.iter().cycle().skip(1)).map(|(&a, &b)| ends([a, b])).collect();
-    let all = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
-    all.map(ends).filter(|edge| !own.contains(edge)).collect()
-}
-
-/// The mean of a loop along its length.
-fn middle(at: &[[f64; 3]]) -> [f64; 3] {
-    let (mut sum, mut whole) = ([0.; 3], 0.);
-    for (&p, &q) in at.iter().zip(at.iter().cycle().skip(1)) {
-        let step = distance(p, q);
-        (0..3).for_each(|k| sum[k] += step * (p[k] + q[k]) / 2.);
-        whole += step;
-    }
-    if whole > 0. { sum.map(|x| x / whole) } else { at[0] }
 }
 
 /// Replaces the vertices of open edges by the least vertex at each position. Returns whether any was replaced, the
@@ -523,6 +443,100 @@ mod tests {
         };
         assert!((volume(&upper) + volume(&lower) - volume(&whole)).abs() < 1e-12);
         assert!(caps(&points, &whole).1.triangles.is_empty());
+    }
+
+    /// The surface of revolution through rings of `sides` points: (radius, z) each.
+    fn tube(rings: &[[f64; 2]], sides: u32) -> (Vec<[f64; 3]>, Vec<Vec<u32>>) {
+        let turn = |k: u32| libm::sincos(f64::from(k) / f64::from(sides) * std::f64::consts::TAU);
+        let point = |[r, z]: [f64; 2], k: u32| [r * turn(k).1, r * turn(k).0, z];
+        let points = rings.iter().flat_map(|&ring| (0..sides).map(move |k| point(ring, k))).collect();
+        let faces = (0..(rings.len() as u32 - 1) * sides).flat_map(|k| {
+            let (a, b) = (k, k / sides * sides + (k + 1) % sides);
+            [vec![a, b, b + sides], vec![a, b + sides, a + sides]]
+        });
+        (points, faces.collect())
+    }
+
+    /// Regression: the outside and the cavity of a hollow part were closed one by one, with nothing between both caps.
+    #[test]
+    fn a_hollow_part_is_closed_by_rings_and_both_sides_get_the_same() {
+        let wall = |z: [f64; 2]| {
+            let (mut points, mut faces) = tube(&[[3., z[0]], [3., z[1]]], 24);
+            // The cavity is cut a little higher, and has other vertices.
+            let (inner, within) = tube(&[[2., z[0] + 0.1], [2., z[1] + 0.1]], 17);
+            let first = points.len() as u32;
+            points.extend(inner);
+            faces.extend(within.into_iter().map(|f| vec![f[0] + first, f[2] + first, f[1] + first]));
+            (points, faces)
+        };
+        let area = |sides: f64, r: f64| sides / 2. * r * r * libm::sin(std::f64::consts::TAU / sides);
+        let material = area(24., 3.) - area(17., 2.);
+        let (points, faces) = wall([0., 1.]);
+        let (mesh, rings) = caps(&points, &faces);
+        assert_eq!((rings.loops, rings.centres.len(), rings.flaws), (4, 0, 0));
+        assert_eq!(rings.triangles.len(), 2 * (24 + 17));
+        let (volume, wrong) = closed(&mesh, &faces, &rings);
+        assert!(wrong == 0 && (volume / 6. - material).abs() < 1e-9, "{volume}");
+        let mut corners = rings.triangles.iter().map(|t| t.map(|corner| rings.place(&mesh, corner)));
+        assert!(corners.all(|t| {
+            let middle = [0, 1].map(|c| (t[0][c] + t[1][c] + t[2][c]) / 3.);
+            middle[0].hypot(middle[1]) > 1.9
+        }));
+        // The neighbour above has the same loops the other way round.
+        let above: Vec<Vec<u32>> = wall([1., 2.]).1.iter().map(|f| f.iter().map(|v| v + 200).collect()).collect();
+        let mut stacked = points.clone();
+        stacked.resize(200, [0.; 3]);
+        stacked.extend(wall([1., 2.]).0);
+        let on_rim = |p: [f64; 3]| points.iter().position(|q| *q == p).map(|k| k as u32);
+        let shared = |v: u32| on_rim(stacked[v as usize]).unwrap_or(v);
+        let above: Vec<Vec<u32>> = above.iter().map(|f| f.iter().map(|&v| shared(v)).collect()).collect();
+        let of = |faces: &[Vec<u32>]| {
+            let mut all: Vec<[[u64; 3]; 3]> = Vec::new();
+            let (mesh, caps) = caps(&stacked, faces);
+            assert_eq!(closed(&mesh, faces, &caps).1, 0);
+            for t in &caps.triangles {
+                let mut t = t.map(|corner| caps.place(&mesh, corner).map(f64::to_bits));
+                t.sort_unstable();
+                all.push(t);
+            }
+            all
+        };
+        let [below, above] = [of(&faces), of(&above)];
+        assert_eq!(below.iter().filter(|t| above.contains(t)).count(), 24 + 17);
+    }
+
+    /// Rims that are far from flat are joined by a band.
+    #[test]
+    fn a_hollow_part_with_wavy_rims_is_closed_by_bands() {
+        let wave = |points: &mut Vec<[f64; 3]>| {
+            points.iter_mut().for_each(|p| {
+                let at = libm::atan2(p[1], p[0]);
+                // Overhanging waves: in the plane of the rim it crosses itself.
+                p[2] += 0.8 * libm::sin(2. * at);
+                let r = 1. + 0.3 * libm::sin(9. * at) * (p[2] - 0.5);
+                (p[0], p[1]) = (p[0] * r, p[1] * r);
+            });
+        };
+        let (mut points, mut faces) = tube(&[[3., 0.], [3., 1.]], 60);
+        let (inner, within) = tube(&[[2.5, 0.], [2.5, 1.]], 50);
+        let first = points.len() as u32;
+        points.extend(inner);
+        faces.extend(within.into_iter().map(|f| vec![f[0] + first, f[2] + first, f[1] + first]));
+        wave(&mut points);
+        let (mesh, bands) = caps(&points, &faces);
+        assert_eq!((bands.loops, bands.centres.len(), bands.triangles.len(), bands.flaws), (4, 0, 2 * 110, 0));
+        assert_eq!(closed(&mesh, &faces, &bands).1, 0);
+    }
+
+    #[test]
+    fn loops_around_each_other_have_caps_of_their_own_unless_a_wall_lies_between() {
+        // A band that narrows, and a flat ring, as around a nose: both ends leave in other directions.
+        for rings in [[[3., 0.], [2., 1.]], [[3., 0.], [2., 0.]]] {
+            let (points, faces) = tube(&rings, 12);
+            let (mesh, own) = caps(&points, &faces);
+            assert_eq!((own.loops, own.triangles.len(), own.flaws), (2, 2 * 10, 0));
+            assert_eq!(closed(&mesh, &faces, &own).1, 0);
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! a part if parts are closed, which come from the budget. Files appear complete or not at all.
 
 mod by_part;
+mod cap_loops;
 mod caps;
 pub mod csv;
 pub mod form;
