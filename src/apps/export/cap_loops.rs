@@ -95,12 +95,12 @@ impl Loop {
 
     /// Whether `inner` may be the rim of a cavity within this rim.
     fn surrounds(&self, inner: &Self) -> bool {
-        let ([(own, size), (other, least)], [middle, within]) =
-            ([self.directed(), inner.directed()], [self, inner].map(|ring| middle(&ring.at)));
-        let far = dot(minus(within, middle), own).abs() / size;
-        if !(least < size && least >= LEAST_AREA * size && dot(own, other) < OPPOSITE * size * least)
-            || far > APART * (size / 2.).sqrt()
-        {
+        let [(own, size), (other, least)] = [self, inner].map(Self::directed);
+        if !(least < size && least >= LEAST_AREA * size && dot(own, other) < OPPOSITE * size * least) {
+            return false;
+        }
+        let [middle, within] = [self, inner].map(|ring| middle(&ring.at));
+        if dot(minus(within, middle), own).abs() / size > APART * (size / 2.).sqrt() {
             return false;
         }
         let plane = self.plane();
@@ -138,7 +138,10 @@ pub(super) fn nested(
     }
     if outer.iter().any(Option::is_some) {
         let leaving = leaving(mesh, loops, run, visit)?;
-        for k in 0..loops.len() {
+        // The larger ones first: whether one is within another is settled before what is within it.
+        let mut order: Vec<usize> = (0..loops.len()).collect();
+        order.sort_by(|&a, &b| loops[b].directed().1.total_cmp(&loops[a].directed().1));
+        for k in order {
             let Some(around) = outer[k] else { continue };
             let (axis, size) = loops[around].directed();
             let [own, other] = [k, around].map(|k| dot(leaving[k], axis) / size);
@@ -183,7 +186,7 @@ fn leaving(
 }
 
 /// One ring of vertices through `loops`, the first of which is around the others, and their positions: bridges, passed
-/// in both directions, join them. `None` if they are too long.
+/// in both directions, join them. `None` if they are too long, or touch.
 fn joined(loops: &[&Loop]) -> Option<(Vec<u32>, Vec<[f64; 3]>)> {
     let (outer, mut inner) = (loops[0], loops[1..].to_vec());
     let plane = outer.plane();
@@ -207,6 +210,9 @@ fn joined(loops: &[&Loop]) -> Option<(Vec<u32>, Vec<[f64; 3]>)> {
             }
         }
         let [i, j] = nearest.2;
+        if all[i].0 == own[j].0 {
+            return None;
+        }
         all = [&all[..=i], &own[j..], &own[..=j], &all[i..]].concat();
     }
     Some(all.into_iter().unzip())
@@ -214,7 +220,7 @@ fn joined(loops: &[&Loop]) -> Option<(Vec<u32>, Vec<[f64; 3]>)> {
 
 /// A band of triangles between the loop `outer` and `inner`, which it is around: on from the nearest two vertices,
 /// always across the shorter diagonal. It need not be flat, and has no edge between two vertices of one loop. `None` if
-/// the loops are too long, or one vertex would be joined to all others.
+/// the loops are too long, or touch, or one vertex would be joined to all others.
 pub(super) fn band(outer: &Loop, inner: &Loop) -> Option<Filling> {
     let (mut a, mut b) = (outer.corners(), inner.beside(outer));
     if a.len().saturating_mul(b.len()) > MOST_PAIRS {
@@ -230,6 +236,9 @@ pub(super) fn band(outer: &Loop, inner: &Loop) -> Option<Filling> {
                 nearest = (far, names, [i, j]);
             }
         }
+    }
+    if nearest.1[0] == nearest.1[1] {
+        return None;
     }
     let (n, m) = (a.len(), b.len());
     a.rotate_left(nearest.2[0]);

@@ -505,6 +505,26 @@ mod tests {
         assert_eq!(below.iter().filter(|t| above.contains(t)).count(), 24 + 17);
     }
 
+    /// A doll within a doll, both hollow: four rims around each other, two of each make a ring.
+    #[test]
+    fn rims_around_each_other_are_paired() {
+        let (mut points, mut faces) = (Vec::new(), Vec::new());
+        // The innermost comes first.
+        for (radius, inwards) in [(1.5, true), (1.8, false), (2.7, true), (3., false)] {
+            let (more, around) = tube(&[[radius, 0.], [radius, 1.]], 20);
+            let first = points.len() as u32;
+            points.extend(more);
+            let turned = |f: &Vec<u32>| if inwards { [f[0], f[2], f[1]] } else { [f[0], f[1], f[2]] };
+            faces.extend(around.iter().map(|f| turned(f).map(|v| v + first).to_vec()));
+        }
+        let (mesh, rings) = caps(&points, &faces);
+        assert_eq!((rings.loops, rings.centres.len(), rings.triangles.len(), rings.flaws), (8, 0, 4 * 40, 0));
+        let area = |r: f64| 10. * r * r * libm::sin(std::f64::consts::TAU / 20.);
+        let (volume, wrong) = closed(&mesh, &faces, &rings);
+        let expected = area(3.) - area(2.7) + area(1.8) - area(1.5);
+        assert!(wrong == 0 && (volume / 6. - expected).abs() < 1e-9, "{volume}");
+    }
+
     /// Rims that are far from flat are joined by a band.
     #[test]
     fn a_hollow_part_with_wavy_rims_is_closed_by_bands() {
