@@ -105,12 +105,8 @@ pub(crate) fn clipped_along(at: &[[f64; 3]], normal: [f64; 3], clipper: &mut Ear
     if !(norm.is_normal() && size > 0. && size.is_normal()) {
         return None;
     }
-    let least = (0..3).min_by(|&i, &j| normal[i].abs().total_cmp(&normal[j].abs())).unwrap_or(0);
-    let mut axis = [0.; 3];
-    axis[least] = 1.;
-    let u = unit(cross(normal, axis));
-    let v = cross(normal, u);
-    let flat: Vec<[f64; 2]> = spokes.iter().map(|&p| [dot(p, u), dot(p, v)]).collect();
+    let plane = plane_across(normal);
+    let flat: Vec<[f64; 2]> = spokes.iter().map(|&p| plane.map(|axis| dot(p, axis))).collect();
     // Where a polygon touches itself, a diagonal may lead to the wrong one of two corners: then it is not divided.
     let most = if at.len() > LONG { &[LONG, usize::MAX][..] } else { &[usize::MAX] };
     let mut found = most.iter().map(|&most| clip(&flat, most, clipper));
@@ -119,6 +115,15 @@ pub(crate) fn clipped_along(at: &[[f64; 3]], normal: [f64; 3], clipper: &mut Ear
         triangles.iter_mut().for_each(|t| t.swap(1, 2));
     }
     Some(triangles)
+}
+
+/// Two axes of the plane across `normal`, of length 1.
+pub(crate) fn plane_across(normal: [f64; 3]) -> [[f64; 3]; 2] {
+    let least = (0..3).min_by(|&i, &j| normal[i].abs().total_cmp(&normal[j].abs())).unwrap_or(0);
+    let mut axis = [0.; 3];
+    axis[least] = 1.;
+    let u = unit(cross(normal, axis));
+    [u, cross(normal, u)]
 }
 
 /// Twice the signed area of a triangle of corners of `flat`.

@@ -13,7 +13,7 @@
 use crate::base::Result;
 use crate::base::bit_set::BitSet;
 use crate::base::sort::sort_by;
-use crate::base::vector::{add_scaled, cross, distance, dot, length, minus, unit};
+use crate::base::vector::{add_scaled, distance, dot, length, minus, unit};
 use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use earcut::Earcut;
@@ -36,6 +36,9 @@ const MOST_PAIRS: usize = 1 << 30;
 
 /// Triangles that fill loops, wound against the ring of the first, and their edges that are on no loop.
 pub(super) type Filling = (Vec<[u32; 3]>, BTreeSet<[u32; 2]>);
+
+/// A vertex of a loop, and its position.
+type Corner = (u32, [f64; 3]);
 
 /// A simple loop of open edges.
 pub(super) struct Loop {
@@ -69,28 +72,18 @@ impl Loop {
     }
 
     /// The vertices and their positions.
-    fn corners(&self) -> Vec<(u32, [f64; 3])> {
+    fn corners(&self) -> Vec<Corner> {
         self.ring.iter().copied().zip(self.at.iter().copied()).collect()
     }
 
     /// The same, in the direction that its edges have if those of `outer` have that of its ring: both sides of a cut
     /// get the same.
-    fn beside(&self, outer: &Self) -> Vec<(u32, [f64; 3])> {
+    fn beside(&self, outer: &Self) -> Vec<Corner> {
         let mut corners = self.corners();
         if self.turned != outer.turned {
             corners.reverse();
         }
         corners
-    }
-
-    /// Axes of the plane of the loop.
-    fn plane(&self) -> [[f64; 3]; 2] {
-        let normal = unit(self.area);
-        let least = (0..3).min_by(|&i, &j| normal[i].abs().total_cmp(&normal[j].abs())).unwrap_or(0);
-        let mut axis = [0.; 3];
-        axis[least] = 1.;
-        let u = unit(cross(normal, axis));
-        [u, cross(normal, u)]
     }
 
     /// Whether `inner` may be the rim of a cavity within this rim.
@@ -103,7 +96,7 @@ impl Loop {
         if dot(minus(within, middle), own).abs() / size > APART * (size / 2.).sqrt() {
             return false;
         }
-        let plane = self.plane();
+        let plane = polygon::plane_across(unit(self.area));
         let flat = |p: [f64; 3]| plane.map(|axis| dot(minus(p, middle), axis));
         let rim: Vec<[f64; 2]> = self.at.iter().map(|&p| flat(p)).collect();
         inner.at.iter().step_by(inner.at.len().div_ceil(SAMPLES)).all(|&p| is_within(flat(p), &rim))
@@ -185,34 +178,38 @@ fn leaving(
     Ok(sums.into_iter().map(|(sum, size)| sum.map(|x| if size > 0. { x / size } else { 0. })).collect())
 }
 
+/// The numbers of the corners of `a` and `b` with the least `gap`; of several, those of the least vertices, so that
+/// both sides of a cut find the same. `None` if there are too many pairs, or both loops share that vertex.
+fn nearest(a: &[Corner], b: &[Corner], gap: impl Fn(usize, usize) -> f64) -> Option<[usize; 2]> {
+    if a.len().saturating_mul(b.len()) > MOST_PAIRS {
+        return None;
+    }
+    let mut found = (f64::INFINITY, [u32::MAX; 2], [0; 2]);
+    for (i, (v, _)) in a.iter().enumerate() {
+        for (j, (w, _)) in b.iter().enumerate() {
+            let gap = gap(i, j);
+            if gap < found.0 || gap == found.0 && [*v, *w] < found.1 {
+                found = (gap, [*v, *w], [i, j]);
+            }
+        }
+    }
+    (found.1[0] != found.1[1]).then_some(found.2)
+}
+
 /// One ring of vertices through `loops`, the first of which is around the others, and their positions: bridges, passed
 /// in both directions, join them. `None` if they are too long, or touch.
 fn joined(loops: &[&Loop]) -> Option<(Vec<u32>, Vec<[f64; 3]>)> {
     let (outer, mut inner) = (loops[0], loops[1..].to_vec());
-    let plane = outer.plane();
+    let plane = polygon::plane_across(unit(outer.area));
     let flat = |p: &[f64; 3]| plane.map(|axis| dot(minus(*p, outer.at[0]), axis));
     inner.sort_unstable_by_key(|ring| ring.ring[0]);
     let mut all = outer.corners();
     for hole in inner {
-        if all.len().saturating_mul(hole.ring.len()) > MOST_PAIRS {
-            return None;
-        }
         let own = hole.beside(outer);
         let places: Vec<[f64; 2]> = own.iter().map(|(_, p)| flat(p)).collect();
-        let mut nearest = (f64::INFINITY, [u32::MAX; 2], [0; 2]);
-        for (i, (v, p)) in all.iter().enumerate() {
-            let [x, y] = flat(p);
-            for (j, ((w, _), q)) in own.iter().zip(&places).enumerate() {
-                let gap = (q[0] - x).powi(2) + (q[1] - y).powi(2);
-                if gap < nearest.0 || gap == nearest.0 && [*v, *w] < nearest.1 {
-                    nearest = (gap, [*v, *w], [i, j]);
-                }
-            }
-        }
-        let [i, j] = nearest.2;
-        if all[i].0 == own[j].0 {
-            return None;
-        }
+        let around: Vec<[f64; 2]> = all.iter().map(|(_, p)| flat(p)).collect();
+        let gap = |i: usize, j: usize| (places[j][0] - around[i][0]).powi(2) + (places[j][1] - around[i][1]).powi(2);
+        let [i, j] = nearest(&all, &own, gap)?;
         all = [&all[..=i], &own[j..], &own[..=j], &all[i..]].concat();
     }
     Some(all.into_iter().unzip())
@@ -223,26 +220,12 @@ fn joined(loops: &[&Loop]) -> Option<(Vec<u32>, Vec<[f64; 3]>)> {
 /// the loops are too long, or touch, or one vertex would be joined to all others.
 pub(super) fn band(outer: &Loop, inner: &Loop) -> Option<Filling> {
     let (mut a, mut b) = (outer.corners(), inner.beside(outer));
-    if a.len().saturating_mul(b.len()) > MOST_PAIRS {
-        return None;
-    }
     b.reverse();
-    let gap = |p: &(u32, [f64; 3]), q: &(u32, [f64; 3])| distance(p.1, q.1);
-    let mut nearest = (f64::INFINITY, [u32::MAX; 2], [0; 2]);
-    for (i, p) in a.iter().enumerate() {
-        for (j, q) in b.iter().enumerate() {
-            let (far, names) = (gap(p, q), [p.0, q.0]);
-            if far < nearest.0 || far == nearest.0 && names < nearest.1 {
-                nearest = (far, names, [i, j]);
-            }
-        }
-    }
-    if nearest.1[0] == nearest.1[1] {
-        return None;
-    }
+    let gap = |p: &Corner, q: &Corner| distance(p.1, q.1);
+    let [i, j] = nearest(&a, &b, |i, j| gap(&a[i], &b[j]))?;
     let (n, m) = (a.len(), b.len());
-    a.rotate_left(nearest.2[0]);
-    b.rotate_left(nearest.2[1]);
+    a.rotate_left(i);
+    b.rotate_left(j);
     let (mut i, mut j) = (0, 0);
     let (mut triangles, mut across) = (Vec::with_capacity(n + m), BTreeSet::new());
     while i < n || j < m {

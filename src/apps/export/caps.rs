@@ -194,13 +194,13 @@ impl Caps {
         for group in groups {
             run.cancel.check()?;
             let group: Vec<&Loop> = group.into_iter().map(|k| &all[k]).collect();
-            let whole = match group[..] {
-                [_] => None,
-                [outer, inner] => filled(&group, &mut clipper)
-                    .and_then(&mut unless_known)
-                    .or_else(|| band(outer, inner).and_then(&mut unless_known)),
-                _ => filled(&group, &mut clipper).and_then(&mut unless_known),
-            };
+            let mut whole = None;
+            if group.len() > 1 {
+                whole = filled(&group, &mut clipper).and_then(&mut unless_known);
+            }
+            if let ([outer, inner], None) = (&group[..], &whole) {
+                whole = band(outer, inner).and_then(&mut unless_known);
+            }
             if let Some(triangles) = whole {
                 let turned = group[0].turned;
                 caps.triangles.extend(triangles.into_iter().map(|t| against(t.map(Corner::Vertex), turned)));
