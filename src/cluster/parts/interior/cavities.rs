@@ -10,7 +10,7 @@
 //!
 //! Cost: nothing unless some cells were flipped and others not; then one or two exposures from few directions.
 
-use super::exposure::exposure_behind_others;
+use super::exposure::{dark_pieces, exposure_behind_others};
 use crate::base::Result;
 use crate::cluster::parts::cell_graph::{CellGraph, class_sums, connected_pieces};
 use crate::store::run::Run;
@@ -49,9 +49,8 @@ pub(super) fn closed_cavities(cells: &CellGraph, run: &Run) -> Result<Option<Vec
     for inner in [rarer, !rarer] {
         let among: Vec<bool> = flipped.iter().map(|&flipped| flipped == inner).collect();
         let exposure = exposure_behind_others(cells, &among, run)?;
-        let light: Vec<f64> = exposure.iter().zip(&cells.area).map(|(x, area)| x * area).collect();
-        let light = class_sums(&piece, &light, count);
-        let is_cavity = |k: usize| light[k] < HIDDEN * areas[k] && is_closed(k);
+        let dark = dark_pieces(cells, &exposure, &piece, count, HIDDEN);
+        let is_cavity = |k: usize| dark[k] && is_closed(k);
         let all: Vec<bool> = among.iter().zip(&piece).map(|(&among, &k)| among && is_cavity(k as usize)).collect();
         let cavities = area(&all);
         if cavities > 0. && area(&among) <= (1. + ACCIDENTAL) * cavities {
@@ -76,13 +75,7 @@ mod tests {
 
     fn of(all: &[(f64, usize, bool)], flipped: &[bool]) -> Option<Vec<bool>> {
         let mut cells = balls(all);
-        let mut first = 0;
-        for (&(_, n, _), &is_flipped) in all.iter().zip(flipped) {
-            cells.pairs.extend((first + 1..first + n as u32).map(|i| [i - 1, i]));
-            cells.flipped.extend(vec![is_flipped; n]);
-            first += n as u32;
-        }
-        cells.length = vec![0.01; cells.pairs.len()];
+        cells.flipped = all.iter().zip(flipped).flat_map(|(&(_, n, _), &flipped)| vec![flipped; n]).collect();
         closed_cavities(&cells, &Run::new(&())).unwrap()
     }
 
@@ -104,8 +97,6 @@ mod tests {
     fn accidental_windings_tell_nothing() {
         let mut cells = balls(&[(1., 900, false), (0.5, 400, false), (1., 900, false)]);
         cells.centre[1300..].iter_mut().for_each(|x| x[0] += 1.);
-        cells.pairs = (1..2200).filter(|i| ![900, 1300].contains(i)).map(|i| [i - 1, i]).collect();
-        cells.length = vec![0.01; cells.pairs.len()];
         for (third, expected) in [(false, true), (true, false)] {
             cells.flipped = [vec![false; 900], vec![true; 400], vec![third; 900]].concat();
             assert_eq!(closed_cavities(&cells, &Run::new(&())).unwrap().is_some(), expected);
@@ -121,8 +112,6 @@ mod tests {
             let mut two = cells.clone();
             two.centre[600..].iter_mut().for_each(|x| *x = [0.5 * x[0] + apart * 0.3, 0.5 * x[1], 0.5 * x[2]]);
             two.area[600..].iter_mut().for_each(|area| *area *= 0.25);
-            two.pairs = (1..600).chain(601..1200).map(|i| [i - 1, i]).collect();
-            two.length = vec![0.1; two.pairs.len()];
             assert_eq!(closed_cavities(&two, &run).unwrap().is_some(), expected, "{apart}");
             // A patch of one surface whose winding contradicts the rest.
             (two.pairs, two.length) = ((1..1200).map(|i| [i - 1, i]).collect(), vec![2.; 1199]);

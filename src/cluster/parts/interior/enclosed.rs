@@ -19,7 +19,7 @@
 //! hidden cells, and one more pass per layer.
 
 use super::cavities::{closed_cavities, turned};
-use super::exposure::{Directions, exposure};
+use super::exposure::{Directions, dark_pieces, exposure};
 use crate::base::Result;
 use crate::base::vector::distance;
 use crate::cluster::max_flow::MaxFlow;
@@ -188,9 +188,8 @@ fn seen(cells: &CellGraph, run: &Run) -> Result<Option<Vec<bool>>> {
 /// Whether each cell is not in a component that is dark as a whole (S).
 fn beside_dark_components(cells: &CellGraph, exposure: &[f64]) -> Vec<bool> {
     let (component, count) = connected_pieces(&cells.pairs, &vec![0; cells.len()]);
-    let light: Vec<f64> = exposure.iter().zip(&cells.area).map(|(x, area)| x * area).collect();
-    let [light, area] = [&light, &cells.area].map(|values| class_sums(&component, values, count));
-    component.iter().map(|&k| light[k as usize] >= DARK * area[k as usize]).collect()
+    let dark = dark_pieces(cells, exposure, &component, count, DARK);
+    component.iter().map(|&k| !dark[k as usize]).collect()
 }
 
 /// For each of the `hidden` cells, the share of walks that reach a cell that `is_seen`; a step goes to any of `hits`. ½
@@ -242,35 +241,21 @@ mod tests {
     use super::super::exposure::tests::balls;
     use super::*;
 
-    fn layers(all: &[(f64, usize, bool)]) -> Option<Layers> {
-        layers_of(balls(all), all)
-    }
-
-    /// The layers of `cells`, which are [`balls`] of these.
-    fn layers_of(mut cells: CellGraph, all: &[(f64, usize, bool)]) -> Option<Layers> {
-        // Adjacent along the spiral; no edge joins two balls.
-        let mut first = 0;
-        for &(_, n, _) in all {
-            cells.pairs.extend((first + 1..first + n as u32).map(|i| [i - 1, i]));
-            first += n as u32;
-        }
-        cells.length = vec![1.; cells.pairs.len()];
-        let flat = vec![0.; cells.pairs.len()];
-        (cells.concave, cells.convex, cells.convex04) = (flat.clone(), flat.clone(), flat);
-        Layers::of(&cells, &Run::new(&())).unwrap()
+    fn layers(cells: &CellGraph) -> Option<Layers> {
+        Layers::of(cells, &Run::new(&())).unwrap()
     }
 
     #[test]
     fn a_solid_ball_encloses_nothing() {
-        assert_eq!(layers(&[(1., 1500, false)]), None);
-        assert_eq!(layers(&[]), None);
+        assert_eq!(layers(&balls(&[(1., 1500, false)])), None);
+        assert_eq!(layers(&balls(&[])), None);
     }
 
     #[test]
     fn a_wall_follows_what_lies_behind_it() {
-        let shell = layers(&[(1., 1100, false), (0.9, 900, true)]).unwrap();
-        assert_eq!(shell.layers, [(0..1100).collect::<Vec<u32>>()]);
         let cells = balls(&[(1., 1100, false), (0.9, 900, true)]);
+        let shell = layers(&cells).unwrap();
+        assert_eq!(shell.layers, [(0..1100).collect::<Vec<u32>>()]);
         let near = |(&to, cell): (&u32, usize)| distance(cells.centre[to as usize], cells.centre[cell]) < 0.1;
         assert!(shell.follows.iter().zip(0..).all(near));
         let enclosed = shell.enclosed(&cells.area_shares());
@@ -280,11 +265,10 @@ mod tests {
     /// Every closed component is oriented outward; the winding in the file tells a cavity.
     #[test]
     fn what_was_flipped_unlike_the_outside_is_a_wall() {
-        let all = [(1., 1100, false), (0.9, 900, false)];
         let with = |flipped: [bool; 2]| {
-            let mut cells = balls(&all);
+            let mut cells = balls(&[(1., 1100, false), (0.9, 900, false)]);
             cells.flipped = [vec![flipped[0]; 1100], vec![flipped[1]; 900]].concat();
-            layers_of(cells, &all).unwrap()
+            layers(&cells).unwrap()
         };
         for cavity in [[false, true], [true, false]] {
             let shell = with(cavity);
@@ -297,8 +281,7 @@ mod tests {
     /// Regression: behind folds of the outside that hide more than the inside does, a cavity was part of the surface.
     #[test]
     fn components_that_are_dark_as_a_whole_are_within_whatever_folds_hide() {
-        let mut cells = balls(&[(1., 1100, false), (0.5, 400, false)]);
-        cells.pairs = (1..1100).chain(1101..1500).map(|i| [i - 1, i]).collect();
+        let cells = balls(&[(1., 1100, false), (0.5, 400, false)]);
         let exposure: Vec<f64> = (0..1500).map(|i| if i < 1100 { 0.3 } else { 0.01 }).collect();
         let seen = beside_dark_components(&cells, &exposure);
         assert!((0..1500).all(|i| seen[i] == (i < 1100)));
@@ -309,7 +292,7 @@ mod tests {
     #[test]
     fn bodies_within_are_layers_one_inside_the_other() {
         let all = [(1., 800, false), (0.93, 700, true), (0.6, 350, false), (0.53, 270, true), (0.3, 100, false)];
-        let dolls = layers(&all).unwrap();
+        let dolls = layers(&balls(&all)).unwrap();
         assert_eq!(dolls.layers, [(0..800).collect::<Vec<u32>>(), (1500..1850).collect(), (2120..2220).collect()]);
         assert!(dolls.follows[800..1500].iter().all(|&to| to < 800));
         assert!(dolls.follows[1850..2120].iter().all(|&to| (1500..1850).contains(&to)));

@@ -10,7 +10,7 @@
 
 use crate::base::Result;
 use crate::base::vector::{MapEach, dot, unit};
-use crate::cluster::parts::cell_graph::CellGraph;
+use crate::cluster::parts::cell_graph::{CellGraph, class_sums};
 use crate::cluster::parts::thickness::tangents;
 use crate::store::run::Run;
 
@@ -67,6 +67,14 @@ pub(super) fn exposure(cells: &CellGraph, directions: Directions, run: &Run) -> 
 /// Cancellation.
 pub(super) fn exposure_behind_others(cells: &CellGraph, among: &[bool], run: &Run) -> Result<Vec<f64>> {
     shares_seen(cells, Directions::Few, |i| !among[i], 0., run)
+}
+
+/// Whether the mean `exposure` of each of the `count` pieces of surface, by area, is below `than`; `piece` is the one
+/// of each cell (S).
+pub(super) fn dark_pieces(cells: &CellGraph, exposure: &[f64], piece: &[u32], count: usize, than: f64) -> Vec<bool> {
+    let light: Vec<f64> = exposure.iter().zip(&cells.area).map(|(x, area)| x * area).collect();
+    let [light, area] = [&light, &cells.area].map(|values| class_sums(piece, values, count));
+    light.iter().zip(area).map(|(light, area)| *light < than * area).collect()
 }
 
 /// The exposure of cells behind those that `hides`; a disc hides what is more than `slack` radii behind it.
@@ -181,10 +189,12 @@ pub(super) mod tests {
     use std::f64::consts::PI;
 
     /// Cells of equal area on balls around the origin: radius, number of cells, whether normals point inwards. Areas
-    /// sum to 1.
+    /// sum to 1. Cells of one ball are adjacent along a spiral, by short borders.
     pub(in crate::cluster::parts) fn balls(all: &[(f64, usize, bool)]) -> CellGraph {
         let mut cells = CellGraph::default();
         for &(radius, n, inwards) in all {
+            let first = cells.len() as u32;
+            cells.pairs.extend((first + 1..first + n as u32).map(|i| [i - 1, i]));
             for k in 0..n {
                 let (z, turn) = (1. - (2 * k + 1) as f64 / n as f64, 2.399_963_23 * k as f64);
                 let r = (1. - z * z).sqrt();
@@ -198,6 +208,9 @@ pub(super) mod tests {
         let unit = total.sqrt();
         cells.area.iter_mut().for_each(|a| *a /= total);
         cells.centre.iter_mut().flatten().for_each(|x| *x /= unit);
+        cells.length = vec![0.01; cells.pairs.len()];
+        let flat = vec![0.; cells.pairs.len()];
+        (cells.concave, cells.convex, cells.convex04) = (flat.clone(), flat.clone(), flat);
         cells
     }
 
