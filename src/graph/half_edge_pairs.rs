@@ -17,8 +17,9 @@ use crate::mesh::Mesh;
 use crate::store::Context;
 use crate::store::budget::Grant;
 use crate::store::shuffle::{BLOCK_BYTES, BudgetedShuffle, Producer, RangeBuckets, Shuffle};
-use bytemuck::allocation::zeroed_vec;
+use bytemuck::allocation::try_zeroed_vec;
 use bytemuck::{Pod, Zeroable};
+use std::alloc::{Layout, handle_alloc_error};
 use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -49,6 +50,13 @@ impl AcrossCorner {
         }
         is_free
     }
+}
+
+/// No node across any of `corners` corners. If memory runs out, this ends as any allocation does, without a panic.
+fn no_nodes(corners: usize) -> Vec<AcrossCorner> {
+    let failed =
+        |()| handle_alloc_error(Layout::array::<AcrossCorner>(corners).unwrap_or(Layout::new::<AcrossCorner>()));
+    try_zeroed_vec(corners).unwrap_or_else(failed)
 }
 
 /// Nodes taken at a time from the table.
@@ -155,7 +163,7 @@ impl<'a> HalfEdgePairs<'a> {
         let bytes = 4 * corners as u64;
         if fit(corners as u64, context.run.budget.left()) {
             let grant = context.run.budget.take("matching edges", bytes, bytes)?;
-            let across = zeroed_vec(corners);
+            let across = no_nodes(corners);
             return Ok(Self { nodes, kind: Kind::Table { across, more: Mutex::default(), _grant: grant } });
         }
         if let Some(blocks) = blocks {
@@ -352,7 +360,7 @@ struct OwnTable {
 
 impl OwnTable {
     fn new(corners: Range<usize>) -> Self {
-        Self { first: corners.start, across: zeroed_vec(corners.len()), more: Vec::new() }
+        Self { first: corners.start, across: no_nodes(corners.len()), more: Vec::new() }
     }
 
     #[inline]
