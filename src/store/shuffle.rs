@@ -57,6 +57,26 @@ struct Bucket<T> {
     records: usize,
 }
 
+impl<T: Copy> Bucket<T> {
+    /// Keeps `block`. Producers may hand over blocks that are hardly filled, with room for more: the last one is filled
+    /// up first, so that the memory of a bucket is that of its records and of at most one block.
+    fn keep(&mut self, mut block: Vec<T>) {
+        let room = |block: &Vec<T>| block.capacity() - block.len();
+        self.records += block.len();
+        match self.blocks.last_mut() {
+            Some(last) if room(last) > 0 && room(&block) > 0 => {
+                let fitting = block.len().min(room(last));
+                last.extend(block.drain(..fitting));
+                if !block.is_empty() {
+                    self.blocks.push(block);
+                }
+            }
+            Some(last) if room(last) > 0 => self.blocks.insert(self.blocks.len() - 1, block),
+            _ => self.blocks.push(block),
+        }
+    }
+}
+
 /// One producer's staging blocks.
 #[derive(Debug)]
 pub struct Producer<'a, T: Pod> {
@@ -122,9 +142,7 @@ impl<T: Pod + Send> Shuffle<T> {
         use std::os::unix::fs::FileExt;
         let bytes = size_of_val(&block[..]) as u64;
         if self.held.fetch_add(bytes, Ordering::Relaxed) + bytes <= self.limit {
-            let mut bucket = self.lock(bucket);
-            bucket.records += block.len();
-            bucket.blocks.push(block);
+            self.lock(bucket).keep(block);
             return Ok(());
         }
         self.held.fetch_sub(bytes, Ordering::Relaxed);
@@ -387,6 +405,20 @@ mod tests {
             assert_eq!(whole, expected);
         }
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "the spill file is removed");
+    }
+
+    /// Regression: a producer for every few records kept a whole block for each, ten times the budget.
+    #[test]
+    fn many_producers_of_few_records_keep_little_more_than_these() {
+        let shuffle = Shuffle::<u64>::new(Path::new("none"), 1, 64 * size_of::<u64>(), u64::MAX);
+        for few in (0..1000).map(|k| [3, 64, 100, 1][k % 4]) {
+            let mut producer = shuffle.producer();
+            (0..few).for_each(|record| producer.push(0, record).unwrap());
+            producer.finish().unwrap();
+        }
+        let capacity: usize = shuffle.lock(0).blocks.iter().map(Vec::capacity).sum();
+        assert!(capacity <= shuffle.len() as usize * 9 / 8, "{capacity} for {} records", shuffle.len());
+        assert_eq!(shuffle.take(0).unwrap().len(), 250 * (3 + 64 + 100 + 1));
     }
 
     #[test]
