@@ -11,7 +11,7 @@ use earcut::Earcut;
 
 /// Relative difference in area up to which a triangulation counts as free of folds.
 const FOLDS: f64 = 1e-6;
-/// Share of the area up to which a flipped triangle counts as one of collinear corners, rounded to floats.
+/// Share of the area up to which flipped triangles count as those of collinear corners, rounded to floats.
 const IN_LINE: f64 = 1e-6;
 /// Number of corners above which a polygon is divided before its ears are clipped.
 const LONG: usize = 1 << 10;
@@ -76,7 +76,8 @@ fn turned(n: usize, at: &impl Fn(usize) -> [f64; 3], first: usize, scale: f64) -
         (0..3).for_each(|k| normal[k] += own[k]);
     }
     let square = dot(normal, normal);
-    square.is_normal().then(|| fan(n, first).any(|corners| dot(area(corners), normal) < -IN_LINE * square))
+    let flipped = |corners| (-dot(area(corners), normal)).max(0.);
+    square.is_normal().then(|| fan(n, first).map(flipped).sum::<f64>() > IN_LINE * square)
 }
 
 /// Twice the area vector of a polygon (Newell's), given its corners relative to the first.
@@ -289,6 +290,25 @@ mod tests {
             });
             assert!((sum - ring(&flat)).abs() < 1e-9 * sum && count == 4998 && used.iter().all(|&used| used));
         }
+    }
+
+    /// Regression: no single triangle of two million has a millionth of the area, however many are flipped.
+    #[test]
+    fn the_fan_of_millions_of_corners_folds_as_that_of_a_few() {
+        for half in [50, 1_500_000] {
+            // Two thirds of a ring, from the outer end.
+            let at = |k: usize| {
+                let (step, radius) = if k < half { (k, 2.) } else { (2 * half - 1 - k, 1.) };
+                let (sin, cos) = (4. / 3. * std::f64::consts::PI * step as f64 / (half - 1) as f64).sin_cos();
+                [radius * cos, radius * sin, 0.]
+            };
+            assert!(folds(2 * half, &at, 0));
+        }
+        let disc = |k: usize| {
+            let (sin, cos) = (std::f64::consts::TAU * k as f64 / 1e6).sin_cos();
+            [f64::from(cos as f32), f64::from(sin as f32), 0.]
+        };
+        assert!(!folds(1_000_000, &disc, 0));
     }
 
     /// A frame whose hole is joined to its rim by a slit: two edges at the same place.
