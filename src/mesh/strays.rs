@@ -175,7 +175,7 @@ fn find(mesh: &Mesh, run: &Run) -> Result<Repairs> {
         return Ok(Vec::new());
     }
     match edges_to(mesh, &candidates, run)? {
-        Some(edges) => Ok(Candidates::of(positions, candidates, edges, core).repairs(long_edge(mesh))),
+        Some(edges) => Candidates::of(positions, candidates, edges, core).repairs(long_edge(mesh), run),
         None => Ok(Vec::new()),
     }
 }
@@ -347,7 +347,10 @@ impl<'a> Candidates<'a> {
 
     /// The strays among the candidates of a mesh with such long edges, each at the mean of its neighbours. A stray
     /// whose neighbours are all strays follows once one of these has been placed.
-    fn repairs(&self, long_edge: f64) -> Repairs {
+    ///
+    /// # Errors
+    /// Cancellation.
+    fn repairs(&self, long_edge: f64, run: &Run) -> Result<Repairs> {
         let (clusters, of) = self.clusters();
         let stray: Vec<bool> =
             of.iter().map(|cluster| clusters[cluster].is_stray(self.core.diagonal, long_edge)).collect();
@@ -357,23 +360,25 @@ impl<'a> Candidates<'a> {
             around.entry(self.same[k as usize]).or_default().insert(w);
         }
         let mut put: BTreeMap<u32, [f64; 3]> = BTreeMap::new();
-        loop {
-            let place = |w: u32| match self.index(w).filter(|&k| stray[k]) {
-                Some(k) => put.get(&self.same[k]).copied(),
+        let stray_at = |w: u32| self.index(w).filter(|&k| stray[k]).map(|k| self.same[k]);
+        // Those that may have a place now: at first all, then the neighbours of what was placed last.
+        let mut candidates: BTreeSet<u32> = around.keys().copied().collect();
+        while !candidates.is_empty() {
+            run.cancel.check()?;
+            let place = |w: u32| match stray_at(w) {
+                Some(k) => put.get(&k).copied(),
                 None => Some(self.positions.get(w)).filter(|p| finite(*p)),
             };
-            let next: Vec<(u32, [f64; 3])> = around
+            let next: Vec<(u32, [f64; 3])> = candidates
                 .iter()
-                .filter(|(k, _)| !put.contains_key(k))
-                .filter_map(|(&k, beside)| Some((k, mean(beside.iter().filter_map(|&w| place(w)))?)))
+                .filter_map(|k| Some((*k, mean(around.get(k)?.iter().filter_map(|&w| place(w)))?)))
                 .collect();
-            if next.is_empty() {
-                break;
-            }
-            put.extend(next);
+            put.extend(next.iter().copied());
+            let beside = next.iter().flat_map(|(k, _)| &around[k]).filter_map(|&w| stray_at(w));
+            candidates = beside.filter(|k| !put.contains_key(k)).collect();
         }
         let repair = |k: usize| (self.vertices[k], put.get(&self.same[k]).copied().unwrap_or([f64::NAN; 3]));
-        (0..self.vertices.len()).filter(|&k| stray[k]).map(repair).collect()
+        Ok((0..self.vertices.len()).filter(|&k| stray[k]).map(repair).collect())
     }
 }
 
