@@ -2,7 +2,8 @@
 //!
 //! A point denotes the face nearest to it, measured to the face itself, since faces may be long and thin. The mesh is
 //! taken as it is processed and shown: without stray vertices and unused vertices. Cost: two passes over the faces, one
-//! of which is for the bounding box; 16 bytes per point and thread.
+//! of which is for the bounding box; in the other a face looks up the points it may be nearest to in a tree. 24 bytes
+//! per point and thread.
 
 use super::data::{Edit, Edits, Place};
 use crate::base::bounds::{EMPTY, around, grow};
@@ -12,6 +13,8 @@ use crate::base::vector::{finite, length, minus, triangle_distance};
 use crate::base::{Error, Result};
 use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
+use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::Mutex;
 
 /// Faces that a thread processes at once.
@@ -175,8 +178,8 @@ fn scaled(bounds: Option<[[f64; 3]; 2]>, extent: &Extent, p: [f64; 3]) -> [f64; 
 /// the first.
 fn nearest(mesh: &Mesh, extent: &Extent, points: &[[f64; 3]], run: &Run) -> Result<Vec<(f64, u32)>> {
     let n = mesh.faces.len();
-    let none = || vec![(f64::INFINITY, u32::MAX); points.len()];
-    let all = Mutex::new(none());
+    let tree = PointTree::of(points);
+    let all = Mutex::new(vec![NOT_FOUND; points.len()]);
     let keep = |best: &mut (f64, u32), found: (f64, u32)| {
         if found < *best {
             *best = found;
@@ -184,21 +187,14 @@ fn nearest(mesh: &Mesh, extent: &Extent, points: &[[f64; 3]], run: &Run) -> Resu
     };
     run.each_chunk(
         chunk_count(n, CHUNK),
-        || (none(), Vec::new()),
-        |k, (best, at)| {
+        || (tree.nothing_found(), Vec::new()),
+        |k, (found, at)| {
             mesh.faces.for_each(chunk_range(n, CHUNK, k), |face, corners| {
                 at.clear();
                 at.extend(corners.iter().map(|&v| extent.place(mesh.positions.get(v))));
-                let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-                for p in at.iter() {
-                    (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k])));
-                }
-                for (best, &p) in best.iter_mut().zip(points) {
-                    let out = [0, 1, 2].map(|k| (low[k] - p[k]).max(p[k] - high[k]).max(0.));
-                    let least = length(out);
-                    if least > best.0 {
-                        continue;
-                    }
+                let mut own = EMPTY;
+                at.iter().for_each(|&p| grow(&mut own, p, p));
+                tree.visit(own, found, &mut |p, least, best| {
                     polygon::triangles(at, |triangle| {
                         let triangle = triangle.map(|k| at[k]);
                         if triangle.iter().all(|&corner| finite(corner)) {
@@ -206,17 +202,112 @@ fn nearest(mesh: &Mesh, extent: &Extent, points: &[[f64; 3]], run: &Run) -> Resu
                             keep(best, (triangle_distance(triangle, p).max(least), face as u32));
                         }
                     });
-                }
+                });
             });
             Ok(())
         },
         |(own, _)| {
-            lock(&all).iter_mut().zip(own).for_each(|(best, found)| keep(best, found));
+            lock(&all).iter_mut().zip(own.best).for_each(|(best, found)| keep(best, found));
             Ok(())
         },
     )?;
     let found = lock(&all).clone();
-    Ok(found)
+    Ok(tree.order.iter().zip(found).collect::<BTreeMap<_, _>>().into_values().collect())
+}
+
+/// Distance and number of no face.
+const NOT_FOUND: (f64, u32) = (f64::INFINITY, u32::MAX);
+/// Maximum number of points in a leaf of a [`PointTree`].
+const LEAF: usize = 4;
+
+/// A balanced tree over points. A face examines only those to which it may be the nearest: there may be thousands of
+/// points, and a hundred million faces.
+struct PointTree {
+    /// The points, in the order of the leaves.
+    points: Vec<[f64; 3]>,
+    /// Where each of them was.
+    order: Vec<usize>,
+    /// The box of each node; the halves of node k are nodes 2 k + 1 and 2 k + 2.
+    boxes: Vec<[[f64; 3]; 2]>,
+}
+
+/// What was found so far: per point of a [`PointTree`] the nearest face, and per node the greatest of its distances.
+struct FoundFaces {
+    best: Vec<(f64, u32)>,
+    farthest: Vec<f64>,
+}
+
+impl PointTree {
+    fn of(points: &[[f64; 3]]) -> Self {
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        let mut boxes = Vec::new();
+        Self::divide(&mut order, points, 0, &mut boxes);
+        Self { points: order.iter().map(|&k| points[k]).collect(), order, boxes }
+    }
+
+    /// Makes the node `k` of `order`, and those below.
+    fn divide(order: &mut [usize], points: &[[f64; 3]], k: usize, boxes: &mut Vec<[[f64; 3]; 2]>) {
+        let own = around(order.iter().map(|&i| [points[i]; 2]));
+        boxes.resize(boxes.len().max(k + 1), EMPTY);
+        boxes[k] = own;
+        if order.len() > LEAF {
+            let size = minus(own[1], own[0]);
+            let axis = (0..3).fold(0, |widest, axis| if size[axis] > size[widest] { axis } else { widest });
+            let middle = order.len() / 2;
+            order.select_nth_unstable_by(middle, |&i, &j| points[i][axis].total_cmp(&points[j][axis]).then(i.cmp(&j)));
+            let (left, right) = order.split_at_mut(middle);
+            Self::divide(left, points, 2 * k + 1, boxes);
+            Self::divide(right, points, 2 * k + 2, boxes);
+        }
+    }
+
+    fn nothing_found(&self) -> FoundFaces {
+        FoundFaces { best: vec![NOT_FOUND; self.points.len()], farthest: vec![f64::INFINITY; self.boxes.len()] }
+    }
+
+    /// Calls `improve` with the points that something in `around` may be nearest to, a lower bound of the distance, and
+    /// what was found for the point.
+    fn visit(
+        &self,
+        around: [[f64; 3]; 2],
+        found: &mut FoundFaces,
+        improve: &mut impl FnMut([f64; 3], f64, &mut (f64, u32)),
+    ) {
+        self.visit_node(0, 0..self.points.len(), around, found, improve);
+    }
+
+    fn visit_node(
+        &self,
+        k: usize,
+        range: Range<usize>,
+        around: [[f64; 3]; 2],
+        found: &mut FoundFaces,
+        improve: &mut impl FnMut([f64; 3], f64, &mut (f64, u32)),
+    ) {
+        if between(around, self.boxes[k]) > found.farthest[k] {
+            return;
+        }
+        if range.len() <= LEAF {
+            for i in range.clone() {
+                let (p, best) = (self.points[i], &mut found.best[i]);
+                let least = between(around, [p; 2]);
+                if least <= best.0 {
+                    improve(p, least, best);
+                }
+            }
+            found.farthest[k] = found.best[range].iter().fold(0., |most, best| most.max(best.0));
+        } else {
+            let middle = range.start + range.len() / 2;
+            self.visit_node(2 * k + 1, range.start..middle, around, found, improve);
+            self.visit_node(2 * k + 2, middle..range.end, around, found, improve);
+            found.farthest[k] = found.farthest[2 * k + 1].max(found.farthest[2 * k + 2]);
+        }
+    }
+}
+
+/// The distance between two boxes. It never grows with either of them, also as rounded.
+fn between([a, b]: [[f64; 3]; 2], [c, d]: [[f64; 3]; 2]) -> f64 {
+    length([0, 1, 2].map(|k| (a[k] - d[k]).max(c[k] - b[k]).max(0.)))
 }
 
 #[cfg(test)]
@@ -266,6 +357,20 @@ mod tests {
         let error = faces(&mesh, &[[20., 0., 15.]], None, 1).unwrap_err().to_string();
         assert!(error.contains("[20, 0, 15] is 18.000 away"), "{error}");
         assert!(faces(&mesh, &[[f64::MAX; 3]], None, 1).is_err());
+    }
+
+    #[test]
+    fn thousands_of_points_find_the_faces_that_each_finds_by_itself() {
+        let (mesh, run) = (axle(97), Run::new(&()));
+        let extent = Extent::around(bounds(&mesh, &run).unwrap());
+        let some =
+            |k: usize| f64::from(xxhash_rust::xxh3::xxh3_64(&k.to_le_bytes()) as u32) / f64::from(u32::MAX) - 0.5;
+        let points: Vec<[f64; 3]> = (0..500).map(|k| [0, 1, 2].map(|axis| some(3 * k + axis))).collect();
+        let single: Vec<(f64, u32)> =
+            points.iter().flat_map(|&p| nearest(&mesh, &extent, &[p], &run).unwrap()).collect();
+        assert_eq!(nearest(&mesh, &extent, &points, &run).unwrap(), single);
+        let same = vec![points[7]; 30];
+        assert_eq!(nearest(&mesh, &extent, &same, &run).unwrap(), vec![single[7]; 30]);
     }
 
     #[test]
