@@ -125,13 +125,14 @@ impl Task<'_> {
         let unit = |axis: usize| (0..d).map(|e| if e == axis.min(d - 1) { 1. } else { 0. }).collect();
         let mut directions = Directions { usual: [unit(1), unit(2)], own: BTreeMap::new() };
         let Some(roots) = &self.graph.components else { return Ok(directions) };
-        let mut sizes: BTreeMap<u32, u64> = BTreeMap::new();
+        let (mut sizes, mut most): (BTreeMap<u32, u64>, usize) = (BTreeMap::new(), MOST);
         for run in roots.chunk_by(|a, b| a & !FLIPPED == b & !FLIPPED) {
             *sizes.entry(run[0] & !FLIPPED).or_default() += run.len() as u64;
             // Specks may come by the million and are dropped as they come.
-            if sizes.len() > MOST {
+            if sizes.len() > most {
                 self.context.run.cancel.check()?;
                 sizes.retain(|_, size| *size > SPECK);
+                most = MOST.max(2 * sizes.len());
             }
         }
         let least = (SHARE * roots.len() as f64).max(3.);
