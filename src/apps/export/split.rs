@@ -261,12 +261,12 @@ impl Splitter<'_> {
     fn mark(&mut self, part: &PartFaces<'_>) -> Result<PartSize> {
         let mut used = std::mem::take(&mut self.used);
         let mut size = PartSize::default();
-        let marked = used.refill(|used| {
+        let marked = used.refill(|add| {
             self.each(part, |_, corners| {
                 size.faces += 1;
                 size.corners += corners.len() as u64;
                 size.most_corners = size.most_corners.max(corners.len() as u64);
-                corners.iter().for_each(|&v| _ = used.add(v));
+                corners.iter().for_each(|&v| add(v));
                 Ok(())
             })
         });
