@@ -6,8 +6,8 @@ use super::output::JsonArgs;
 use super::progress::tell_error;
 use super::sink::{check_places, scratch_beside};
 use nystrom_stream::apps::measure::{self, MeshMeasures};
-use nystrom_stream::base::Result;
 use nystrom_stream::base::printable::{Significant, counted, human, line};
+use nystrom_stream::base::{Cancel, Error, Result};
 use nystrom_stream::mesh::import;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};
@@ -59,8 +59,8 @@ fn faces(manifest: &Manifest) -> Option<f64> {
 }
 
 /// The header of a mesh file as text and JSON; the rest of the file is not checked against it.
-fn header(path: &Path) -> Result<(String, Value)> {
-    let size = size_of_mesh(path)?;
+fn header(path: &Path, cancel: &Cancel) -> Result<(String, Value)> {
+    let size = size_of_mesh(path, cancel)?;
     let bytes = MappedBytes::open(path)?;
     // A compressed file, or one that is not a PLY, has no header to show.
     let header = header::parse(path, &bytes).ok();
@@ -94,10 +94,14 @@ fn mesh(path: &Path, args: &InfoArgs, app: &AppContext) -> Result<(String, Value
     let run = args.resources.run(&(), app);
     let stdin = path.as_os_str() == "-";
     let streams = stdin || is_pipe(path);
+    if stdin && args.header {
+        return Err(Error::parameter("--header", "standard input has no header until it is read", "give a file"));
+    }
     let name = if stdin { "<stdin>".into() } else { path.to_string_lossy() };
     // Without a header that states the size, it is known only after reading.
     let counted_later = stdin || !args.header && shows_when_read(path)?;
-    let (mut text, mut all) = if counted_later { (String::new(), json!({"mesh": name})) } else { header(path)? };
+    let (mut text, mut all) =
+        if counted_later { (String::new(), json!({"mesh": name})) } else { header(path, &run.cancel)? };
     if args.header {
         return Ok((text, all));
     }

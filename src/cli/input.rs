@@ -77,7 +77,7 @@ fn piped(source: mesh::Pipe, name: &str, force: ForceArgs, context: Context<'_>)
     let Context { work, run } = context;
     let (input, spooled) = (work.file(SPOOLED), work.file("input.tmp"));
     let result = open_noting(run, || mesh::open_reader(source, name, &spooled, run)).and_then(|opened| {
-        let identity = json!({"stdin": workdir::checksum(&spooled)?});
+        let identity = json!({"stdin": workdir::checksum(&spooled, &run.cancel)?});
         admit(Path::new("-"), &identity, force.force, context)?;
         std::fs::rename(&spooled, &input).map_err(Error::io(&input, "rename"))?;
         Ok((opened, identity))

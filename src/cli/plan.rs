@@ -42,7 +42,7 @@ pub struct PlanArgs {
 /// Rejects more parts than the mesh has faces, and a run that does not fit on the disk under `work`, before the mesh is
 /// read. Warns of a run that will be slow.
 pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Result<()> {
-    let Ok(size) = size_of_mesh(path) else {
+    let Ok(size) = size_of_mesh(path, &context.run.cancel) else {
         // Reading the mesh will report the problem.
         return Ok(());
     };
@@ -69,7 +69,7 @@ pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     check_places([&args.mesh], None, &args.json.json)?;
     let params = args.method.params()?;
     let run = Run { seed: args.seed.unwrap_or(0), ..args.resources.run(&(), app) };
-    let size = size_of_mesh(&args.mesh)?;
+    let size = size_of_mesh(&args.mesh, &run.cancel)?;
     let folder = args.work_dir.clone().or(args.scratch.tmp.clone()).unwrap_or_else(|| scratch_beside(&args.mesh));
     let place = Place { folder: &folder, lasting: args.work_dir.is_some() };
     let mut forecast = Forecast::new(&args.mesh, size, &params, place, true, &run)?;

@@ -8,7 +8,7 @@ use super::import;
 use super::ply::element::Coordinates;
 use super::ply::header::{self, CUT_SHORT};
 use super::ply::{Encoding, Kind};
-use crate::base::{Error, Result};
+use crate::base::{Cancel, Error, Result};
 use crate::store::MappedBytes;
 use flate2::bufread::MultiGzDecoder;
 use serde::Serialize;
@@ -93,7 +93,7 @@ fn head_of(path: &Path, bytes: &[u8]) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unusable`].
-pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
+pub fn size_of_mesh(path: &Path, cancel: &Cancel) -> Result<MeshSize> {
     if is_pipe(path) {
         return Err(Error::unusable(path, "is a pipe, whose size is unknown until it is read", "give a file"));
     }
@@ -108,7 +108,7 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
             let problem = "is compressed and not a PLY, so its size is unknown until it is read";
             return Err(Error::unusable(path, problem, "decompress it first"));
         }
-        if let Some(counts) = import::count(path, &bytes)? {
+        if let Some(counts) = import::count(path, &bytes, cancel)? {
             if counts.faces == 0 {
                 return Err(no_faces(path));
             }
@@ -117,11 +117,17 @@ pub fn size_of_mesh(path: &Path) -> Result<MeshSize> {
         }
     }
     let header = header::parse(path, if compressed { &head } else { &bytes })?;
-    size_of_ply(path, &header, bytes.len() as u64, compressed)
+    size_of_ply(path, &header, bytes.len() as u64, compressed.then(|| length_in_gzip(&bytes)))
 }
 
-/// The size of the mesh in the PLY file `path` of `len` bytes with this `header`.
-fn size_of_ply(path: &Path, header: &header::Header, len: u64, compressed: bool) -> Result<MeshSize> {
+/// What a file of gzip says at its end about the length of its content: that of its last member, modulo 2³².
+fn length_in_gzip(bytes: &[u8]) -> u64 {
+    bytes.last_chunk().map_or(0, |last| u32::from_le_bytes(*last).into())
+}
+
+/// The size of the mesh in the PLY file `path` of `len` bytes with this `header`; `expanded` is the
+/// [`length_in_gzip`] of a compressed one.
+fn size_of_ply(path: &Path, header: &header::Header, len: u64, expanded: Option<u64>) -> Result<MeshSize> {
     let count =
         |name: &str| header.elements.iter().find(|element| element.is(name)).map(|element| element.count as u64);
     let Some(vertices) = count("vertex") else {
@@ -135,14 +141,14 @@ fn size_of_ply(path: &Path, header: &header::Header, len: u64, compressed: bool)
     if u32::try_from(vertices).is_err() {
         return Err(too_many_vertices(path));
     }
-    if compressed {
+    if expanded.is_some() {
         check_compressed(header, len, path)?;
     } else {
         header.check_counts(path, len as usize)?;
     }
-    let shown = if compressed || listed.is_none() { None } else { corners_of_binary(header, len) };
+    let shown = if expanded.is_some() || listed.is_none() { None } else { corners_of_binary(header, len) };
     let likely = shown.unwrap_or_else(|| likely_corners(vertices, faces));
-    let spooled = if compressed { least_bytes(header).saturating_add(likely.saturating_mul(4)) } else { 0 };
+    let spooled = expanded.map_or(0, |told| told.max(least_bytes(header).saturating_add(likely.saturating_mul(4))));
     Ok(MeshSize {
         faces,
         vertices,
@@ -251,7 +257,7 @@ mod tests {
             let path = dir.path().join(name);
             std::fs::write(&path, bytes).unwrap();
             assert!(open(&path, dir.path(), &Run::new(&())).is_ok());
-            let size = size_of_mesh(&path).unwrap();
+            let size = size_of_mesh(&path, &Cancel::default()).unwrap();
             assert_eq!((size.faces, size.vertices), (2, 4), "{name}");
         }
         let path = dir.path().join("c.ply");
@@ -259,17 +265,23 @@ mod tests {
         let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
         packed.write_all(many.as_bytes()).unwrap();
         std::fs::write(&path, packed.finish().unwrap()).unwrap();
-        assert!(size_of_mesh(&path).unwrap_err().to_string().contains("more than 2^32 − 1 vertices"));
+        assert!(
+            size_of_mesh(&path, &Cancel::default()).unwrap_err().to_string().contains("more than 2^32 − 1 vertices")
+        );
         let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
         packed.write_all(header("").replace("face 2", "face 2000000000").as_bytes()).unwrap();
         std::fs::write(&path, packed.finish().unwrap()).unwrap();
-        assert!(size_of_mesh(&path).unwrap_err().to_string().contains("bytes of gzip hold at most"));
+        assert!(
+            size_of_mesh(&path, &Cancel::default()).unwrap_err().to_string().contains("bytes of gzip hold at most")
+        );
         // Faces without properties take no bytes.
         let empty = "ply\nformat ascii 1.0\nelement vertex 0\nelement face 18446744073709551615\nend_header\n";
         std::fs::write(&path, empty).unwrap();
-        assert_eq!(size_of_mesh(&path).unwrap().decoded, u64::MAX);
+        assert_eq!(size_of_mesh(&path, &Cancel::default()).unwrap().decoded, u64::MAX);
         std::fs::write(&path, header("").replace("face 2", "face 2000") + body).unwrap();
-        assert!(size_of_mesh(&path).unwrap_err().to_string().contains("2000 records need at least"));
+        assert!(
+            size_of_mesh(&path, &Cancel::default()).unwrap_err().to_string().contains("2000 records need at least")
+        );
     }
 
     /// Regression: quads and doubles were planned with half of what decoding them writes.
@@ -320,7 +332,7 @@ mod tests {
             let (path, scratch) = (dir.path().join("m.ply"), dir.path().join("s"));
             std::fs::create_dir(&scratch).unwrap();
             std::fs::write(&path, file).unwrap();
-            let size = size_of_mesh(&path).unwrap();
+            let size = size_of_mesh(&path, &Cancel::default()).unwrap();
             let mesh = open(&path, &scratch, &Run::new(&())).unwrap();
             assert_eq!(mesh.faces.len(), faces.len());
             let written: u64 = scratch.read_dir().unwrap().map(|entry| entry.unwrap().metadata().unwrap().len()).sum();

@@ -3,7 +3,7 @@
 
 use super::params::{Cluster, SegmentParams};
 use crate::base::parallel::lock;
-use crate::base::{Error, Result};
+use crate::base::{Cancel, Error, Result};
 use crate::graph::{DualGraph, Ordered};
 use crate::mesh::Mesh;
 use crate::mesh::size::is_pipe;
@@ -56,14 +56,14 @@ pub fn identity(path: &Path) -> Result<Value> {
 /// # Errors
 /// As [`identity`].
 pub fn content(path: &Path) -> Result<Value> {
-    content_as_seen(path, &identity(path)?, None)
+    content_as_seen(path, &identity(path)?, None, &Cancel::default())
 }
 
 /// The same for the file whose [`identity`] is `seen`; taken from `record` if its run saw the same identity.
-fn content_as_seen(path: &Path, seen: &Value, record: Option<&Record>) -> Result<Value> {
+fn content_as_seen(path: &Path, seen: &Value, record: Option<&Record>, cancel: &Cancel) -> Result<Value> {
     match record.filter(|record| record.seen == *seen) {
         Some(record) => Ok(record.identity.clone()),
-        None => Ok(json!({"bytes": seen["bytes"], "whole": checksum(path)?})),
+        None => Ok(json!({"bytes": seen["bytes"], "whole": checksum(path, cancel)?})),
     }
 }
 
@@ -77,7 +77,7 @@ pub fn identity_in(path: &Path, work: &WorkDir) -> Result<Value> {
     if work.is_temporary() {
         return Ok(seen);
     }
-    let content = content_as_seen(path, &seen, Record::read(work).ok().as_ref())?;
+    let content = content_as_seen(path, &seen, Record::read(work).ok().as_ref(), &work.cancel)?;
     // For the record: if the file changes after this point, however long the run takes, the next run reads it again.
     *lock(&work.input) = seen;
     Ok(content)
@@ -88,7 +88,7 @@ pub fn identity_in(path: &Path, work: &WorkDir) -> Result<Value> {
 /// # Errors
 /// As [`identity`].
 pub fn recorded_or_content(path: &Path, record: Option<&Record>) -> Result<Value> {
-    content_as_seen(path, &identity(path)?, record)
+    content_as_seen(path, &identity(path)?, record, &Cancel::default())
 }
 
 /// Whether two identities in kept work directories denote the same content.
@@ -161,7 +161,7 @@ impl Record {
     /// As [`identity`].
     pub fn is_of(&self, path: &Path) -> Result<bool> {
         match self.identity.get("stdin") {
-            Some(sum) => Ok(*sum == checksum(path)?),
+            Some(sum) => Ok(*sum == checksum(path, &Cancel::default())?),
             None => Ok(same(&recorded_or_content(path, Some(self))?, &self.identity)),
         }
     }

@@ -3,14 +3,17 @@
 //! takes one read of its file.
 
 use super::mapped::{Access, MappedBytes};
-use crate::base::Result;
+use crate::base::{Cancel, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
-use xxhash_rust::xxh3::xxh3_64;
+use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 /// Version of the layout of a work directory. A newer one is refused; stages of an older one are rebuilt.
 pub const FORMAT: u32 = 2;
+
+/// Bytes hashed between two checks for cancellation.
+const BYTES_BETWEEN_CHECKS: usize = 1 << 26;
 
 /// Program and version recorded in manifests that are written now.
 pub(super) const PROGRAM: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
@@ -71,11 +74,16 @@ pub(super) fn is_of_two(path: &Path) -> bool {
 /// XXH3 of a file's bytes, in hexadecimal. Hashed through the mapping: copying the bytes would cost as much as hashing.
 ///
 /// # Errors
-/// [`crate::base::Error::Io`].
-pub fn checksum(path: &Path) -> Result<String> {
+/// [`crate::base::Error::Io`]; [`crate::base::Error::Cancelled`].
+pub fn checksum(path: &Path, cancel: &Cancel) -> Result<String> {
     let bytes = MappedBytes::open(path)?;
     bytes.advise(Access::Sequential);
-    Ok(checksum_of(&bytes))
+    let mut hash = Xxh3::new();
+    for some in bytes.chunks(BYTES_BETWEEN_CHECKS) {
+        cancel.check()?;
+        hash.update(some);
+    }
+    Ok(format!("{:016x}", hash.digest()))
 }
 
 /// The same for bytes in memory.

@@ -24,7 +24,7 @@ use super::workdir::WorkDir;
 use crate::base::parallel::map_chunks;
 use crate::base::printable::counted;
 use crate::base::sort::map_of;
-use crate::base::{Cancel, Error, Result};
+use crate::base::{Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -194,7 +194,9 @@ impl WorkDir {
     /// Why the stage has to be (re)built. The stage is then removed from the manifest, so that a run killed while
     /// rebuilding it leaves no record of files that no longer exist.
     pub fn reuse<T: DeserializeOwned>(&self, stage: &str, version: u32, key: &str) -> Result<T, RebuildReason> {
-        self.look_up(stage, version, key).and_then(facts).map_err(|reason| self.forget(stage, reason))
+        let found = self.look_up(stage, version, key).and_then(facts);
+        // What was not read to the end because of a stop is not damaged.
+        found.map_err(|reason| if self.cancel.is_cancelled() { reason } else { self.forget(stage, reason) })
     }
 
     /// Removes `stage` from the manifest and returns `reason`, or the reason why that failed. If another version of the
@@ -230,7 +232,7 @@ impl WorkDir {
     /// Whether the stage `name` is finished here with the key `key`, whatever its version.
     pub fn has_stage(&self, name: &str, key: &str) -> bool {
         let kept = self.manifest().stages.remove(name);
-        kept.is_some_and(|kept| self.reuse::<Value>(name, kept.version, key).is_ok())
+        kept.is_some_and(|kept| self.look_up(name, kept.version, key).is_ok())
     }
 
     /// The finished stage `S` of this directory, whatever its inputs, or an error that explains how to make it.
@@ -254,10 +256,13 @@ impl WorkDir {
     ) -> Result<FinishedStage<T>> {
         let stage = self.manifest().stages.remove(name);
         let stage = stage.ok_or_else(|| Error::work_dir(self.path(), format!("holds no {name}"), remedy))?;
-        let facts = self
-            .look_up(name, version, &stage.key)
-            .and_then(facts)
-            .map_err(|problem| Error::work_dir(self.path(), format!("{name}: {problem}"), remedy))?;
+        let facts = self.look_up(name, version, &stage.key).and_then(facts).map_err(|problem| {
+            if self.cancel.is_cancelled() {
+                Error::Cancelled
+            } else {
+                Error::work_dir(self.path(), format!("{name}: {problem}"), remedy)
+            }
+        })?;
         Ok(FinishedStage { facts, key: stage.key, inputs: stage.inputs })
     }
 
@@ -282,7 +287,7 @@ impl WorkDir {
         let files: Vec<_> = record.files.iter().collect();
         let threads = if self.is_temporary() { 1 } else { files.len() };
         let check = |k: usize, (): &mut ()| Ok(self.integrity_error(files[k].0, files[k].1));
-        let checked = map_chunks(threads, &Cancel::default(), files.len(), || (), check);
+        let checked = map_chunks(threads, &self.cancel, files.len(), || (), check);
         let checked = checked.map_err(|error| RebuildReason::Damaged(error.to_string()))?;
         if let Some((problem, (name, _))) =
             checked.into_iter().zip(files).find_map(|(problem, file)| Some((problem?, file)))
@@ -304,7 +309,7 @@ impl WorkDir {
                 Some(format!("has {} instead of {}", counted(found.len() as usize, "byte"), file.bytes))
             }
             Ok(_) if self.is_temporary() => None,
-            Ok(_) => match checksum(&path) {
+            Ok(_) => match checksum(&path, &self.cancel) {
                 Ok(sum) if sum == file.xxh3 => None,
                 Ok(_) => Some("has another checksum: it was changed or damaged".to_string()),
                 Err(error) => Some(format!("cannot be read: {error}")),
@@ -328,7 +333,7 @@ impl WorkDir {
         // In parallel, since each waits for the disk; a temporary directory does not wait.
         let threads = if self.is_temporary() { 1 } else { files.len() };
         let record = |k: usize, (): &mut ()| Ok((files[k].to_string(), self.file_record(files[k])?));
-        let files = map_of(map_chunks(threads, &Cancel::default(), files.len(), || (), record)?);
+        let files = map_of(map_chunks(threads, &self.cancel, files.len(), || (), record)?);
         let StageKey { name, version, key, inputs } = stage;
         let record = StageRecord { key, version, inputs, files, facts, seconds };
         let mut manifest = self.manifest_lock();
@@ -347,7 +352,7 @@ impl WorkDir {
             return Ok(FileRecord { bytes, xxh3: String::new() });
         }
         File::open(&path).and_then(|file| file.sync_all()).map_err(Error::io(&path, "sync"))?;
-        Ok(FileRecord { bytes, xxh3: checksum(&path)? })
+        Ok(FileRecord { bytes, xxh3: checksum(&path, &self.cancel)? })
     }
 
     /// Removes all stages with their files, here and in nested directories: they belong to another mesh, and nothing

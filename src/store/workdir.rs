@@ -25,7 +25,7 @@ use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use super::rows_file::{self, RowsFile};
 use super::{MappedBytes, MappedSlice, MappedSliceMut};
 use crate::base::sort::map_of;
-use crate::base::{Error, Result, parallel};
+use crate::base::{Cancel, Error, Result, parallel};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -49,6 +49,8 @@ pub struct WorkDir {
     inside_of_it: Mutex<BTreeMap<String, Arc<WorkDir>>>,
     /// Whether arrays that are only read sequentially are kept in memory too, although files serve as well for them.
     everything: bool,
+    /// Whoever asks for a stop while files are read for their checksums.
+    pub cancel: Cancel,
     /// The input's identity, taken before it was read; null if there is none.
     pub(crate) input: Mutex<Value>,
 }
@@ -144,6 +146,7 @@ impl WorkDir {
             arrays: None,
             inside_of_it: Mutex::default(),
             everything: false,
+            cancel: Cancel::default(),
             input: Mutex::default(),
         }
     }
@@ -173,6 +176,13 @@ impl WorkDir {
         self
     }
 
+    /// The same directory; `cancel` also stops the reading of files for their checksums.
+    #[must_use]
+    pub fn heeding(mut self, cancel: &Cancel) -> Self {
+        self.cancel = cancel.clone();
+        self
+    }
+
     /// A work directory in the folder `name` of this one, with the same lifetime. It keeps arrays in memory if this one
     /// does.
     ///
@@ -186,6 +196,7 @@ impl WorkDir {
         let path = self.new_file(name)?;
         let mut inner = if self.shared { Self::open_existing(&path)? } else { Self::open(&path)? };
         (inner.temporary, inner.inside, inner.everything) = (self.temporary, true, self.everything);
+        inner.cancel = self.cancel.clone();
         inner.arrays = self.arrays.as_ref().map(|arrays| Arc::new(arrays.within(inner.folder.clone())));
         let inner = Arc::new(inner);
         if self.temporary {

@@ -11,7 +11,7 @@ mod text;
 
 pub use target::Counts;
 
-use crate::base::{Error, Result};
+use crate::base::{Cancel, Error, Result};
 use crate::mesh::output::Gather;
 use crate::store::leftovers::CONVERTED;
 use crate::store::new_file::by_rename;
@@ -234,13 +234,13 @@ pub(crate) fn statements(bytes: &[u8]) -> impl Iterator<Item = (&[u8], &[u8])> {
 /// whose header has the counts.
 ///
 /// # Errors
-/// [`Error::Malformed`], [`Error::Unusable`].
-pub fn count(path: &Path, bytes: &[u8]) -> Result<Option<Counts>> {
+/// [`Error::Malformed`], [`Error::Unusable`], [`Error::Cancelled`].
+pub fn count(path: &Path, bytes: &[u8], cancel: &Cancel) -> Result<Option<Counts>> {
     Ok(match recognise(path, bytes)? {
         Format::Ply => None,
-        Format::Obj => Some(obj::count(path, bytes)?),
-        Format::Off => Some(off::count(path, bytes)?),
-        Format::Stl => Some(stl::count(path, bytes)?),
+        Format::Obj => Some(obj::count(path, bytes, cancel)?),
+        Format::Off => Some(off::count(path, bytes, cancel)?),
+        Format::Stl => Some(stl::count(path, bytes, cancel)?),
     })
 }
 

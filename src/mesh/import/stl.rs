@@ -5,7 +5,7 @@
 use super::target::{Counts, Target, check};
 use super::text::{Lines, without_mark, without_padding};
 use crate::base::printable::counted;
-use crate::base::{Error, Result};
+use crate::base::{Cancel, Error, Result};
 use crate::mesh::ply::element::Scalar;
 use crate::mesh::ply::header::CUT_SHORT;
 use std::path::Path;
@@ -34,14 +34,14 @@ pub(super) fn is_text(bytes: &[u8]) -> bool {
 }
 
 /// Counts the elements of the mesh.
-pub(super) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
-    Ok(examined(path, bytes)?.0)
+pub(super) fn count(path: &Path, bytes: &[u8], cancel: &Cancel) -> Result<Counts> {
+    Ok(examined(path, bytes, cancel)?.0)
 }
 
 /// The counts, and whether the file ends properly, as any binary file does.
-fn examined(path: &Path, bytes: &[u8]) -> Result<(Counts, bool)> {
+fn examined(path: &Path, bytes: &[u8], cancel: &Cancel) -> Result<(Counts, bool)> {
     let (vertices, ended) = match is_text(bytes) {
-        true => corners_of_text(path, bytes)?,
+        true => corners_of_text(path, bytes, cancel)?,
         false => (3 * triangles_of_binary(path, bytes)?, true),
     };
     let counts = Counts { vertices, faces: vertices / 3, corners: vertices, most: 3, double: false };
@@ -64,9 +64,10 @@ fn triangles_of_binary(path: &Path, bytes: &[u8]) -> Result<u64> {
 }
 
 /// Number of vertices in STL text, and whether it ends properly.
-fn corners_of_text(path: &Path, bytes: &[u8]) -> Result<(u64, bool)> {
+fn corners_of_text(path: &Path, bytes: &[u8], cancel: &Cancel) -> Result<(u64, bool)> {
     let (mut vertices, mut ended) = (0u64, false);
     for line in Lines::new(bytes, false) {
+        cancel.check()?;
         let word = line.words().next().unwrap_or_default();
         if word.eq_ignore_ascii_case(b"vertex") {
             vertices += 1;
@@ -85,7 +86,7 @@ fn corners_of_text(path: &Path, bytes: &[u8]) -> Result<(u64, bool)> {
 /// Writes the mesh.
 pub(super) fn convert(bytes: &[u8], target: &mut Target, notes: &mut Vec<String>) -> Result<()> {
     let path = target.path;
-    let (counts, ended) = examined(path, bytes)?;
+    let (counts, ended) = examined(path, bytes, &target.run.cancel)?;
     target.counts = counts;
     target.header();
     let faces = target.counts.faces;

@@ -2,7 +2,7 @@
 
 use super::target::{CORRECT, Counts, Target, check};
 use crate::base::printable::counted;
-use crate::base::{Error, Result};
+use crate::base::{Cancel, Error, Result};
 use crate::mesh::ply::element::Scalar;
 use crate::mesh::ply::header::{CUT_SHORT, shown};
 use crate::mesh::ply::values::{integer_of, real_of};
@@ -130,9 +130,10 @@ pub(super) mod obj {
     use super::*;
 
     /// Counts the elements of the mesh.
-    pub(crate) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
+    pub(crate) fn count(path: &Path, bytes: &[u8], cancel: &Cancel) -> Result<Counts> {
         let mut counts = Counts { double: true, ..Counts::default() };
         for line in Lines::new(bytes, true) {
+            cancel.check()?;
             let mut words = line.words();
             match words.next() {
                 Some(b"v") => counts.vertices += 1,
@@ -146,7 +147,7 @@ pub(super) mod obj {
 
     /// Writes the mesh.
     pub(crate) fn convert(bytes: &[u8], target: &mut Target) -> Result<()> {
-        target.counts = count(target.path, bytes)?;
+        target.counts = count(target.path, bytes, &target.run.cancel)?;
         target.header();
         for line in Lines::new(bytes, true) {
             let mut words = line.words();
@@ -239,14 +240,16 @@ pub(super) mod off {
     }
 
     /// Counts the elements of the mesh.
-    pub(crate) fn count(path: &Path, bytes: &[u8]) -> Result<Counts> {
+    pub(crate) fn count(path: &Path, bytes: &[u8], cancel: &Cancel) -> Result<Counts> {
         let (mut lines, vertices, faces) = open(path, bytes)?;
         let mut counts = Counts { vertices, double: true, ..Counts::default() };
         check(path, counts)?;
         for k in 0..vertices {
+            cancel.check()?;
             next(&mut lines, "vertex", k, path)?;
         }
         for k in 0..faces {
+            cancel.check()?;
             let line = next(&mut lines, "face", k, path)?;
             counts.face(corners(&line, path)?);
         }
@@ -256,7 +259,7 @@ pub(super) mod off {
     /// Writes the mesh.
     pub(crate) fn convert(bytes: &[u8], target: &mut Target) -> Result<()> {
         let path = target.path;
-        target.counts = count(path, bytes)?;
+        target.counts = count(path, bytes, &target.run.cancel)?;
         target.header();
         let (mut lines, vertices, faces) = open(path, bytes)?;
         for k in 0..vertices {
