@@ -80,7 +80,9 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
     }
     check_formats(args)?;
     let inputs = args.labels.iter().chain(&args.mesh).chain(&args.truth).chain(&args.matches);
-    check_places(inputs.clone(), None, args.plot.iter().chain(&args.json.json))?;
+    let folders = [&args.benchmark, &args.labels].into_iter().flatten().filter(|_| args.benchmark.is_some());
+    let scored: Vec<PathBuf> = folders.flat_map(|folder| files_of_benchmark(folder)).collect();
+    check_places(inputs.clone().chain(&scored), None, args.plot.iter().chain(&args.json.json))?;
     args.mesh.iter().try_for_each(|path| check_is_file(path))?;
     inputs.into_iter().try_for_each(|path| check_there(path))?;
     let bars = Bars::new(if args.quiet { Style::Quiet } else { Style::of_terminal() });
@@ -96,6 +98,15 @@ pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), Cli
         (None, None) => return Err(CliError::Usage("give labels, or --benchmark".into())),
     };
     Ok(args.json.publish_or_print(&json, &format!("{}\n", text.trim_end()))?)
+}
+
+/// The meshes, labels and tables in a folder, which no output may overwrite.
+fn files_of_benchmark(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_read = |path: &PathBuf| {
+        path.extension().is_some_and(|extension| extension == "tsv" || LABEL_EXTENSIONS.iter().any(|x| extension == *x))
+    };
+    files.filter(is_read)
 }
 
 /// Rejects files of labels or matches in an unknown format, before any work.

@@ -130,6 +130,8 @@ fn what_is_wrong_is_said_in_one_line() {
     std::fs::create_dir(dir.path().join("empty")).unwrap();
     std::fs::create_dir(dir.path().join("latin")).unwrap();
     std::fs::write(dir.path().join("latin/models.tsv"), b"model\tcategory\n1\th\xfcgel\n").unwrap();
+    std::fs::create_dir(dir.path().join("blank")).unwrap();
+    std::fs::write(dir.path().join("blank/models.tsv"), "model\tcategory\n1\thump\n\n2 hill\n").unwrap();
     for (arguments, expected, part) in [
         ("evaluate short.seg --mesh 1.ply --truth 1_0.seg", 1, "short.seg: has 2 labels for 240 faces"),
         ("evaluate ours/1.seg --mesh 1.ply --truth 2_0.seg", 1, "2_0.seg: has 360 labels"),
@@ -157,6 +159,12 @@ fn what_is_wrong_is_said_in_one_line() {
         // Regression: the text of the system's error, without a remedy.
         ("evaluate --benchmark latin ours", 1, "models.tsv: is not UTF-8; save it as UTF-8"),
         ("evaluate --benchmark . ours --plot t.txt", 2, "use .svg or .png"),
+        // Regression: such lines were left out without a word, and the means looked complete.
+        ("evaluate --benchmark blank ours", 1, "models.tsv: line 4: no category; separate the fields by tabs"),
+        // Regression: people's labels were replaced by the report.
+        ("evaluate --benchmark . ours --json=1_0.seg", 2, "1_0.seg: is an input, and would be overwritten"),
+        ("evaluate --benchmark . ours --json=models.tsv", 2, "models.tsv: is an input"),
+        ("evaluate --benchmark . ours --json=ours/1.seg", 2, "ours/1.seg: is an input"),
     ] {
         let (out, err, code) = outcome(dir.path(), &format!("{arguments} --quiet"));
         assert_eq!(code, expected, "{arguments}: {err}");

@@ -64,18 +64,25 @@ impl Benchmark {
         let path = folder.join("models.tsv");
         let text = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
         let text = String::from_utf8(text).map_err(|_| Error::unusable(&path, "is not UTF-8", "save it as UTF-8"))?;
-        let mut lines = text.lines().map(|line| line.split('\t').collect::<Vec<_>>());
-        let head = lines.next().unwrap_or_default();
+        // Some editors begin files of UTF-8 with a mark.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+        let mut lines = text.lines().map(|line| line.split('\t').collect::<Vec<_>>()).zip(1usize..);
+        let (head, _) = lines.next().unwrap_or_default();
         let column = |name| {
             let remedy = "its first line names the columns, model and category among them, separated by tabs";
             let problem = || Error::malformed(&path, "line 1", format!("no column {name}"), remedy);
             head.iter().position(|title| *title == name).ok_or_else(problem)
         };
         let (model, category) = (column("model")?, column("category")?);
-        let field = |line: &[&str], at: usize| line.get(at).map(|field| (*field).to_owned());
-        let named =
-            |line: Vec<&str>| Some(BenchmarkModel { name: field(&line, model)?, category: field(&line, category)? });
-        let models: Vec<BenchmarkModel> = lines.filter_map(named).collect();
+        let named = |(line, number): (Vec<&str>, usize)| {
+            let field = |at: usize, name: &str| {
+                let remedy = "separate the fields by tabs, as in the first line";
+                let missing = || Error::malformed(&path, format!("line {number}"), format!("no {name}"), remedy);
+                line.get(at).map(|field| (*field).to_owned()).ok_or_else(missing)
+            };
+            Ok(BenchmarkModel { name: field(model, "model")?, category: field(category, "category")? })
+        };
+        let models = lines.filter(|(line, _)| line != &[""]).map(named).collect::<Result<Vec<BenchmarkModel>>>()?;
         if models.is_empty() {
             return Err(Error::unusable(path, "names no model", "add one line per model"));
         }

@@ -56,6 +56,11 @@ pub(super) struct Edges {
     pub(super) radius: f64,
 }
 
+/// The greatest power of two up to `x`, which is not negative: dividing by it changes no digit.
+fn power_of_two_below(x: f64) -> f64 {
+    f64::from_bits(x.to_bits() >> 52 << 52).max(f64::MIN_POSITIVE)
+}
+
 impl Evaluator {
     /// Only faces of equal weight, for labels without a mesh.
     pub fn of_faces(faces: usize) -> Self {
@@ -63,12 +68,15 @@ impl Evaluator {
     }
 
     /// Faces weighted by area, without cut discrepancy. A face without a finite area counts as 0; if no face has an
-    /// area, all count the same.
+    /// area, all count the same. The unit is such that the largest area is between 1 and 2: products of areas are
+    /// finite.
     pub fn without_edges(mesh: &Mesh) -> Self {
         let mut areas = Vec::with_capacity(mesh.faces.len());
         mesh.faces.for_each(0..mesh.faces.len(), |_, corners| areas.push(area(mesh, corners)));
-        let any = areas.iter().any(|&area| area > 0.);
-        Self { areas: any.then_some(areas), ..Self::of_faces(mesh.faces.len()) }
+        let largest = areas.iter().copied().fold(0., f64::max);
+        let unit = power_of_two_below(largest);
+        areas.iter_mut().for_each(|area| *area /= unit);
+        Self { areas: (largest > 0.).then_some(areas), ..Self::of_faces(mesh.faces.len()) }
     }
 
     /// The data for all metrics.
@@ -372,7 +380,7 @@ mod tests {
         let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
         let mesh = Mesh::from_slices(&corners, &[[0u32, 1, 2], [0, 2, 3]]).unwrap();
         let surface = Evaluator::of(&mesh).unwrap();
-        assert_eq!(surface.areas.as_deref(), Some(&[0.5, 0.5][..]));
+        assert_eq!(surface.areas.as_deref(), Some(&[1., 1.][..]));
         let edges = surface.edges.unwrap();
         assert_eq!((edges.inner, edges.starts, edges.faces), (vec![[0, 2]], vec![0, 2], vec![0, 1]));
         assert_eq!(edges.rows, [0, 3, 5, 8, 10]);
@@ -386,7 +394,7 @@ mod tests {
         let faces = [vec![0u32, 1, 2, 3], vec![0, 1, 1], vec![0, 1, 4], vec![]];
         let mesh = Mesh::from_slices(&corners, &faces).unwrap();
         let surface = Evaluator::of(&mesh).unwrap();
-        assert_eq!(surface.areas.as_deref(), Some(&[2., 0., 0., 0.][..]));
+        assert_eq!(surface.areas.as_deref(), Some(&[1., 0., 0., 0.][..]));
         let flat = Mesh::from_slices(&corners, &faces[1..]).unwrap();
         assert_eq!(Evaluator::of(&flat).unwrap().areas, None);
     }
