@@ -208,6 +208,33 @@ fn unlabelled_faces_are_filled_in_and_strangers_refused() {
     assert!(message.contains("same position and units") && !message.contains('\n'), "{message}");
 }
 
+/// Regression: faces near unlabelled ones counted as far away, so a mesh with few labels was blamed for its position.
+#[test]
+fn few_labels_are_enough() {
+    let dir = tempfile::tempdir().unwrap();
+    let from = sheets(dir.path(), 20, false);
+    let mut labels = vec![UNLABELLED; 1600];
+    labels[..100].fill(3);
+    let work = WorkDir::temporary(dir.path()).unwrap();
+    let result = transfer(&from, &labels, &from, Context::new(&work, &run())).unwrap();
+    assert!(result.labels[..800].iter().all(|&label| label == 3));
+}
+
+/// Regression: the area of a sliver is a small difference of large products, which is lost in single precision.
+#[test]
+fn slivers_keep_their_labels() {
+    let (n, width) = (4000u32, 1e-4);
+    let points: Vec<[f64; 3]> = (0..2 * n + 2).map(|v| [f64::from(v % 2), width * f64::from(v / 2), 0.]).collect();
+    let faces: Vec<[u32; 3]> =
+        (0..n).flat_map(|k| [[2 * k, 2 * k + 1, 2 * k + 3], [2 * k, 2 * k + 3, 2 * k + 2]]).collect();
+    let (mesh, labels) = (Mesh::from_slices(&points, &faces).unwrap(), (0..2 * n).collect::<Vec<u32>>());
+    let dir = tempfile::tempdir().unwrap();
+    let work = WorkDir::temporary(dir.path()).unwrap();
+    let found = transfer(&mesh, &labels, &mesh, Context::new(&work, &run())).unwrap();
+    let other = found.labels.iter().zip(&labels).filter(|(found, label)| found != label).count();
+    assert_eq!(other, 0);
+}
+
 #[test]
 fn doubtful_transfers_are_noted() {
     // Regression: onto a mesh in other units labels were carried without a word, if it was near enough.

@@ -87,25 +87,27 @@ impl Leaf {
     }
 }
 
-/// The squared distance of `p` from a triangle: from its plane inside, from its edges outside.
-pub fn distance_2([a, b, c]: &[[f32; 3]; 3], p: [f32; 3]) -> f32 {
-    let to_edge = |from: [f32; 3], to: [f32; 3]| {
+/// The squared distance of `p` from a triangle: from its plane inside, from its edges outside. In double precision, as
+/// the area of a sliver is a small difference of large products.
+pub fn distance_2(triangle: &[[f32; 3]; 3], p: [f32; 3]) -> f32 {
+    let ([a, b, c], p) = (triangle.map(wide), wide(p));
+    let to_edge = |from: [f64; 3], to: [f64; 3]| {
         let (along, out) = (minus(to, from), minus(p, from));
         let size = dot(along, along);
         let t = if size > 0. { (dot(along, out) / size).clamp(0., 1.) } else { 0. };
         let rest = [out[0] - t * along[0], out[1] - t * along[1], out[2] - t * along[2]];
         dot(rest, rest)
     };
-    let (u, v, w) = (minus(*b, *a), minus(*c, *a), minus(p, *a));
+    let (u, v, w) = (minus(b, a), minus(c, a), minus(p, a));
     let (uu, uv, vv, wu, wv) = (dot(u, u), dot(u, v), dot(v, v), dot(w, u), dot(w, v));
     let area = uu * vv - uv * uv;
     let (s, t) = (vv * wu - uv * wv, uu * wv - uv * wu);
     if area > 0. && s >= 0. && t >= 0. && s + t <= area {
         let rest = |k: usize| w[k] - (s * u[k] + t * v[k]) / area;
         let rest = [rest(0), rest(1), rest(2)];
-        return dot(rest, rest);
+        return dot(rest, rest) as f32;
     }
-    to_edge(*a, *b).min(to_edge(*b, *c)).min(to_edge(*c, *a))
+    to_edge(a, b).min(to_edge(b, c)).min(to_edge(c, a)) as f32
 }
 
 /// A query point and the normal there.

@@ -195,11 +195,16 @@ pub fn transfer(from: &Mesh, labels: &[u32], to: &Mesh, context: Context<'_>) ->
     };
     context.run.fill_two((own.data(), quality.data()), CHUNK, || (), choose)?;
 
-    let near = own.data().iter().filter(|&&label| label != UNLABELLED).count();
+    let is_near = |found: &Closest| unpack(found[0]).is_some_and(|(distance, _)| distance.sqrt() <= far);
+    let near = found.chunks_exact(points).filter(|found| found.iter().any(is_near)).count();
+    let (path, other) = (to.path(), from.path().display());
     if near * 2 < n {
-        let path = to.path();
-        let problem = format!("only {near} of {n} faces are close to a labelled face of {}", from.path().display());
+        let problem = format!("only {near} of {n} faces are close to {other}");
         return Err(Error::unusable(path, problem, "both meshes must have the same position and units"));
+    }
+    if own.data().iter().all(|&label| label == UNLABELLED) {
+        let problem = format!("no face is close to a labelled face of {other}");
+        return Err(Error::unusable(path, problem, "label more faces there"));
     }
     let graph = DualGraph::build(to, to.path(), &json!("transfer"), context)?;
     let filled = label_from_neighbours(&graph, own.data(), context.run)?;
