@@ -3,7 +3,7 @@
 //! A run costs the same as [`crate::pipeline::segment()`]. Its result has 8 bytes per face, labels and confidences, in
 //! memory or mapped.
 
-use super::mesh::admitted;
+use super::mesh::{admitted, checked};
 use super::run::{RunOptions, run_options, work_options};
 use crate::apps::edits::Edits;
 #[cfg(feature = "pages")]
@@ -266,6 +266,7 @@ impl Segmenter {
         self.edits.as_ref().map_or(Ok(()), Edits::check)?;
         let params = &params;
         self.options.with(|context, log| {
+            self.edits.as_ref().map_or(Ok(()), |_| checked(mesh))?;
             let edits = self.edits.as_ref().map(|edits| edits.on(mesh, context.run)).transpose()?;
             let corrections = Corrections { edits: edits.as_ref(), painted: self.hints.as_deref(), transferred: false };
             let identity = admitted(mesh, self.options.force, context)?;

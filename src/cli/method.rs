@@ -231,7 +231,7 @@ impl PartsArgs {
                 (None, None) => PartCount::Found,
             },
             detail: self.detail.unwrap_or(0.),
-            ..PartsParams::default()
+            ..params.parts
         };
         params.tiny_components = self.tiny_components.unwrap_or(params.tiny_components);
         params.walls = self.walls.unwrap_or(params.walls);
@@ -267,8 +267,7 @@ impl MethodArgs {
             return Err(misfit(option, "--cluster parts, kmeans or two-means"));
         }
         self.distance.apply(&mut params)?;
-        // These boundaries need rows over all faces; reports and work directories must show that.
-        params.exact |= params.boundaries == Boundaries::Embedding;
+        params.exact = params.exact_rows();
         Ok(params)
     }
 }

@@ -168,9 +168,10 @@ pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
         let work = args.scratch.work(None, std::env::temp_dir, &run)?;
         let opened = open_file(path, work.path(), &run)?;
         let ground = StudyData::of(&opened, &input::identity(path)?, grounds, Context::new(&work, &run))?;
-        if args.exact && ground.matrix.is_none() {
-            let problem = format!("has {} nodes, too many for --exact", ground.len());
-            return Err(Error::unusable(path, problem, "decimate it to 5,000, or leave out --exact").into());
+        let all_distances = [(args.exact, "--exact"), (args.embedding, "--embedding")];
+        if let Some((_, option)) = all_distances.iter().find(|(given, _)| *given && ground.matrix.is_none()) {
+            let problem = format!("has {} nodes, too many for {option}", ground.len());
+            return Err(Error::unusable(path, problem, format!("decimate it to 5,000, or leave out {option}")).into());
         }
         if args.embedding {
             let (sampling, seed) = (params.samplings[0], params.seeds[0]);

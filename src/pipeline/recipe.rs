@@ -128,7 +128,9 @@ pub fn cluster(
     context: Context<'_>,
 ) -> Result<SegmentedMesh> {
     let (graph, input) = DualGraph::kept(context.work)?;
-    params.check_for(context.work.path(), graph.nodes.len() as u64)?;
+    let mesh = input::recorded_mesh(context.work);
+    params.check_for(mesh.as_deref().unwrap_or(context.work.path()), graph.nodes.len() as u64)?;
+    params.check_memory(graph.nodes.len() as u64, context.run)?;
     check_corrections(params, corrections, graph.nodes.len())?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), context.work)?;
     let clustered = match means::fit(params, graph.nodes.len()) {

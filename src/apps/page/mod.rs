@@ -162,8 +162,8 @@ impl Page<'_> {
         one_per_face("labels", self.labels.len(), n)?;
         one_per_face("cells", self.cuts.map_or(n, |cuts| cuts.cells.len()), n)?;
         if let Some(label) = self.labels.iter().find(|label| **label as usize >= MOST_PARTS) {
-            let problem = format!("label {label} is too large for a page");
-            return Err(Error::parameter("labels", problem, "number the parts from 0"));
+            let problem = format!("label {label} is too large for a page, which holds {MOST_PARTS} parts");
+            return Err(Error::parameter("labels", problem, "cut into fewer parts, or write another format"));
         }
         // The mesh as used by the program, so that places and box mean the same on the page.
         let mesh = &self.mesh.without_strays(run)?;

@@ -133,7 +133,11 @@ impl PartTree {
         let sound = self.unions.iter().chain(&self.pairs).all(known)
             && sizes
             && self.unions.iter().all(|&[i, j]| sets.join(i, j));
-        if self.version == VERSION && sound && n > 0 {
+        let total: f64 = self.area.iter().map(|&area| f64::from(area)).sum();
+        let measured = self.area.iter().chain(&self.length).all(|x| x.is_finite() && *x >= 0.)
+            && total.is_normal()
+            && self.level.iter().all(|level| (0. ..=1.).contains(level));
+        if self.version == VERSION && sound && measured && n > 0 {
             return Ok(());
         }
         Err(Error::parameter(

@@ -91,6 +91,13 @@ pub enum PartCount {
     Between(usize, usize),
 }
 
+impl PartCount {
+    /// The name of the option that gives this number.
+    pub fn option(self) -> &'static str {
+        if matches!(self, Self::Between(..)) { "parts_between" } else { "parts" }
+    }
+}
+
 /// Options of [`decide`] and [`PartTree::cut_for`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartsParams {

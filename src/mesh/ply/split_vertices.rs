@@ -12,7 +12,7 @@ use super::names;
 use super::plain::counting_corners;
 use super::values::Encoder;
 use crate::base::Result;
-use crate::mesh::geometry::Mesh;
+use crate::mesh::geometry::{Mesh, too_many_vertices};
 use crate::mesh::output::Gather;
 use crate::store::Run;
 use crate::store::budget::Grant;
@@ -94,9 +94,14 @@ pub(super) fn stream(
     let mut header = HeaderWriter::new(encoder.target);
     header.remark("comment labelled by nystrom-stream, vertices split along boundaries");
     names::remarks(labelling.names).iter().for_each(|remark| _ = header.remark(remark));
-    header.element("vertex", (split.first.len() + split.copies.len()) as u64).positions(double);
+    let vertices = split.first.len() as u64 + split.copies.len() as u64;
+    if vertices > u32::MAX.into() {
+        return Err(too_many_vertices(path));
+    }
+    let corner = if vertices > 1 << 31 { Scalar::U32 } else { Scalar::I32 };
+    header.element("vertex", vertices).positions(double);
     VERTEX_PROPERTIES.iter().for_each(|&(name, scalar)| _ = header.property(name, scalar));
-    header.element("face", mesh.faces.len() as u64).corners(count, Scalar::I32);
+    header.element("face", mesh.faces.len() as u64).corners(count, corner);
     labelling.properties().iter().for_each(|&(name, scalar)| _ = header.property(name, scalar));
     let mut out = Gather::new(path, writer);
     out.pass(&header.finish())?;
@@ -115,7 +120,7 @@ pub(super) fn stream(
         mesh.faces.try_for_each(start..mesh.faces.len().min(start + CHUNK), |face, corners| {
             encoder.integer(count, corners.len() as i64, &mut out.buffer);
             let number = |&v: &u32| split.number(v, labelling.labels[face]);
-            corners.iter().for_each(|v| encoder.integer(Scalar::I32, number(v).into(), &mut out.buffer));
+            corners.iter().for_each(|v| encoder.integer(corner, number(v).into(), &mut out.buffer));
             labelling.append(face, encoder, &mut out.buffer);
             encoder.end(&mut out.buffer);
             out.flush_if_full()

@@ -84,6 +84,10 @@ impl Layers {
             let within = inside.bodies(&surface, BODY * cells.total_area() / left);
             let those = |of: &[bool]| rest.iter().zip(of).filter(|(_, is)| **is).map(|(&i, _)| i).collect::<Vec<u32>>();
             let (seen, deeper) = (those(&inside.is_seen), those(&within));
+            if seen.is_empty() {
+                out.layers.push(rest);
+                break;
+            }
             for (k, &cell) in rest.iter().enumerate().filter(|&(k, _)| !inside.is_seen[k] && !within[k]) {
                 let behind = inside.behind[k].map(|j| rest[j as usize]);
                 out.follows[cell as usize] = behind.unwrap_or_else(|| nearest(cells, cell, &seen));
