@@ -31,6 +31,8 @@ pub const NODES: usize = 30_000;
 /// models of the benchmark with 30,000 to 60,000 faces, 1 − Rand was .135 with rows over a contraction, and .127 with
 /// the same number over all faces.
 pub const LARGE: usize = 60_000;
+/// Minimum mean number of faces per node, for a smaller mesh that is contracted because its parts are in doubt.
+const FACES_PER_NODE: usize = 2;
 const CHUNK: usize = 1 << 14;
 /// Length of a step between centroids, relative to their distance: the detour over the midpoint of the boundary.
 const DETOUR: f64 = 1.15;
@@ -148,7 +150,7 @@ fn contract(contraction: &Contraction<'_>, key: &str, context: Context<'_>) -> R
 /// # Errors
 /// [`crate::base::Error::Cancelled`].
 pub fn seeds(shares: &AreaShares, run: &Run) -> Result<Vec<u32>> {
-    spread_seeds(shares, NODES, "contraction", run)
+    spread_seeds(shares, NODES.min(shares.len() / FACES_PER_NODE), "contraction", run)
 }
 
 /// The front from these `seeds` under the weights.

@@ -188,6 +188,16 @@ pub fn tree_of(work: &WorkDir, exact: bool) -> Result<PartTree> {
     Err(Error::work_dir(work.path(), "holds no hierarchy of parts of its mesh", remedy))
 }
 
+/// Removes the decision in `work`, on which no parts are based.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(super) fn discard(work: &WorkDir) -> Result<()> {
+    work.remove_record(DecisionStage::NAME)?;
+    work.remove(TREE);
+    Ok(())
+}
+
 /// The key of the decision in `work`, if there is one.
 pub(super) fn decision_key(work: &WorkDir) -> Option<String> {
     work.manifest().stages.remove(DecisionStage::NAME).map(|stage| stage.key)

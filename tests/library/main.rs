@@ -33,4 +33,5 @@ mod scale_order;
 mod strays;
 mod study;
 mod thin_plates;
+mod thin_walls;
 mod transfer;
