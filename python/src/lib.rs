@@ -180,7 +180,7 @@ fn plan(
     let segmenter = work_dir.into_iter().fold(segmenter, |segmenter, folder| segmenter.work_dir(folder));
     let mesh = mesh.map(PyMesh::current).transpose()?;
     let mut found = watched(py, None, |listener, cancel| {
-        let size = mesh.map_or_else(|| size_of_mesh(&path, &nystrom_stream::base::Cancel::default()), |mesh| Ok(MeshSize::of(mesh)))?;
+        let size = mesh.map_or_else(|| size_of_mesh(&path, cancel), |mesh| Ok(MeshSize::of(mesh)))?;
         with_options!(segmenter, seed, threads, max_memory, tmp, listener, cancel).plan(&path, size, calibrate)
     })?;
     // Who plans wants to see what is missing, so it is no exception.
