@@ -52,7 +52,7 @@ pub struct RankedSet {
     members: BitSet,
     /// Words with members, ascending.
     words: Vec<u32>,
-    /// Number of members before each of these words.
+    /// Number of members before each word, where that has any.
     before: Vec<u32>,
     count: u32,
 }

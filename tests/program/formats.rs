@@ -277,6 +277,13 @@ fn pages_have_cuts_from_every_command() {
     assert!(cuts());
     run(&["export"]);
     assert!(cuts());
+    // Regression: after any edit, such pages gave a label that is no part to other parts, and saved that.
+    run(&["cluster", "-k", "5", "--tiny-components", "own"]);
+    assert!(!cuts());
+    run(&["export"]);
+    assert!(!cuts());
+    run(&["cluster", "-k", "5", "--tiny-components", "join"]);
+    assert!(cuts());
     run(&["cluster", "-k", "5", "--cluster", "kmeans"]);
     assert!(!cuts());
 }

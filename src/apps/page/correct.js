@@ -19,7 +19,7 @@
   function act(part, t) {
     if (mode === 'view') return single(part);
     if (part < 0) return say(HINTS[mode]);
-    if (mode === 'split') return change({ edit: 'split', at: [anchor(part)], into: Math.max(2, Number($('into').value) || 2) });
+    if (mode === 'split') return change({ edit: 'split', at: [anchor(part)], into: Math.max(2, Math.round(Number($('into').value)) || 2) });
     if (mode === 'drop' || mode === 'protect') return change({ edit: mode, at: [anchor(part)] });
     if (mode === 'cut' && t < 0) return say('Click the two places on the mesh itself.');
     if (!picked) {

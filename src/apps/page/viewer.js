@@ -397,7 +397,7 @@
       cell('').append(swatch);
       cell(part);
       const name = input(model && part !== cut.dropped ? 'text' : 'plain', cut.names.get(part) || '', `name of part ${part}`);
-      name.onchange = () => change({ edit: 'name', at: [anchor(part)], name: name.value.trim() });
+      name.onchange = () => change({ edit: 'name', at: [anchor(part)], name: name.value.replace(/\p{Cc}+/gu, ' ').trim() });
       cell('').append(name);
       cell(exact ? group(exact[part].faces) : '≈ ' + group(faces[part] / count * data.faces));
       cell(share(measured[part]));
