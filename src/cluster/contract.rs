@@ -30,8 +30,8 @@ pub const NODES: usize = 30_000;
 /// Meshes of more faces than this are contracted. With fewer than two faces per node, nodes are ragged: on the 32
 /// models of the benchmark with 30,000 to 60,000 faces, 1 − Rand was .135 with rows over a contraction, and .127 with
 /// the same number over all faces.
-pub const LARGE: usize = 60_000;
-/// Minimum mean number of faces per node, for a smaller mesh that is contracted because its parts are in doubt.
+pub const LARGE: usize = FACES_PER_NODE * NODES;
+/// Minimum mean number of faces per node, also of a smaller mesh that is contracted because its parts are in doubt.
 const FACES_PER_NODE: usize = 2;
 const CHUNK: usize = 1 << 14;
 /// Length of a step between centroids, relative to their distance: the detour over the midpoint of the boundary.

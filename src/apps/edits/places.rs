@@ -6,7 +6,7 @@
 //! per point and thread.
 
 use super::data::{Edit, Edits, Place};
-use crate::base::bounds::{EMPTY, around, grow};
+use crate::base::bounds::{BoundingBox, EMPTY, around, grow};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
 use crate::base::printable::{Significant, counted};
 use crate::base::vector::{finite, length, minus, triangle_distance};
@@ -228,7 +228,7 @@ struct PointTree {
     /// Where each of them was.
     order: Vec<usize>,
     /// The box of each node; the halves of node k are nodes 2 k + 1 and 2 k + 2.
-    boxes: Vec<[[f64; 3]; 2]>,
+    boxes: Vec<BoundingBox>,
 }
 
 /// What was found so far: per point of a [`PointTree`] the nearest face, and per node the greatest of its distances.
@@ -246,7 +246,7 @@ impl PointTree {
     }
 
     /// Makes the node `k` of `order`, and those below.
-    fn divide(order: &mut [usize], points: &[[f64; 3]], k: usize, boxes: &mut Vec<[[f64; 3]; 2]>) {
+    fn divide(order: &mut [usize], points: &[[f64; 3]], k: usize, boxes: &mut Vec<BoundingBox>) {
         let own = around(order.iter().map(|&i| [points[i]; 2]));
         boxes.resize(boxes.len().max(k + 1), EMPTY);
         boxes[k] = own;
@@ -269,7 +269,7 @@ impl PointTree {
     /// what was found for the point.
     fn visit(
         &self,
-        around: [[f64; 3]; 2],
+        around: BoundingBox,
         found: &mut FoundFaces,
         improve: &mut impl FnMut([f64; 3], f64, &mut (f64, u32)),
     ) {
@@ -280,7 +280,7 @@ impl PointTree {
         &self,
         k: usize,
         range: Range<usize>,
-        around: [[f64; 3]; 2],
+        around: BoundingBox,
         found: &mut FoundFaces,
         improve: &mut impl FnMut([f64; 3], f64, &mut (f64, u32)),
     ) {
@@ -306,13 +306,14 @@ impl PointTree {
 }
 
 /// The distance between two boxes. It never grows with either of them, also as rounded.
-fn between([a, b]: [[f64; 3]; 2], [c, d]: [[f64; 3]; 2]) -> f64 {
+fn between([a, b]: BoundingBox, [c, d]: BoundingBox) -> f64 {
     length([0, 1, 2].map(|k| (a[k] - d[k]).max(c[k] - b[k]).max(0.)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::random::{stream, unit};
 
     /// The faces at the points of edits made on a mesh with the box `bounds`.
     fn faces(mesh: &Mesh, points: &[[f64; 3]], bounds: Option<[[f64; 3]; 2]>, threads: usize) -> Result<Vec<u32>> {
@@ -363,9 +364,8 @@ mod tests {
     fn thousands_of_points_find_the_faces_that_each_finds_by_itself() {
         let (mesh, run) = (axle(97), Run::new(&()));
         let extent = Extent::around(bounds(&mesh, &run).unwrap());
-        let some =
-            |k: usize| f64::from(xxhash_rust::xxh3::xxh3_64(&k.to_le_bytes()) as u32) / f64::from(u32::MAX) - 0.5;
-        let points: Vec<[f64; 3]> = (0..500).map(|k| [0, 1, 2].map(|axis| some(3 * k + axis))).collect();
+        let mut random = stream(0, "places");
+        let points: Vec<[f64; 3]> = (0..500).map(|_| [(); 3].map(|()| unit(&mut random) - 0.5)).collect();
         let single: Vec<(f64, u32)> =
             points.iter().flat_map(|&p| nearest(&mesh, &extent, &[p], &run).unwrap()).collect();
         assert_eq!(nearest(&mesh, &extent, &points, &run).unwrap(), single);
