@@ -151,6 +151,14 @@ impl DualGraph {
         Self::build_noting(GraphStage { mesh, path, input, computed: context.work.is_temporary() }, context)
     }
 
+    /// The same as [`DualGraph::build`] for a `mesh` derived from another one, whose oddities have been noted.
+    ///
+    /// # Errors
+    /// As [`DualGraph::build`].
+    pub(crate) fn build_silently(mesh: &Mesh, input: &Value, context: Context<'_>) -> Result<Self> {
+        context.stage(GraphStage { mesh, path: mesh.path(), input, computed: false })
+    }
+
     /// Builds or opens the graph; either way, oddities of the mesh are noted.
     fn build_noting(stage: GraphStage<'_>, context: Context<'_>) -> Result<Self> {
         let path = stage.path;

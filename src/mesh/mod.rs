@@ -3,13 +3,14 @@
 //! [`Mesh`] is what the layers above see: positions and faces in mapped files or arrays in memory, whatever the format
 //! of the file. [`open()`] reads every flavour of PLY: most are used in place, the rest are decoded once, in one pass
 //! through small buffers. OBJ, OFF and STL are converted to PLY first. [`ply`] holds all code that knows this format.
-//! [`strays`] finds vertices far outside the rest, `duplicates` knows faces that occur twice, [`split_faces`] cuts
-//! faces along smooth boundaries.
+//! [`strays`] finds vertices far outside the rest, `duplicates` knows faces that occur twice, `long_edges` makes long
+//! triangles short, [`split_faces`] cuts faces along smooth boundaries.
 
 pub(crate) mod duplicates;
 pub mod extent;
 pub mod geometry;
 pub mod import;
+pub(crate) mod long_edges;
 pub mod open;
 pub(crate) mod output;
 pub mod ply;

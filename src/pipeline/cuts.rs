@@ -1,6 +1,7 @@
 //! The mesh in every small number of parts, from the kept hierarchy of a work directory: the data for a page's slider.
 
 use super::decision::{self, KeptDecision};
+use super::refinement::{self, Refinement};
 use crate::base::Result;
 use crate::cluster::parts::PartTree;
 use crate::cluster::{cells, contract};
@@ -52,19 +53,29 @@ pub fn cells(exact: bool, work: &WorkDir, context: Context<'_>) -> Result<Mapped
     let (graph, input) = DualGraph::kept(work)?;
     let n = graph.nodes.len();
     let order = NodeOrder::kept(&input, n, work)?;
-    // Only a large mesh is contracted.
     let mut cells = context.work.array::<u32>(FILE, &[n])?;
-    if let Some(inner) = decision::contraction_in_use(work, exact)? {
-        let of_small = inner.open_array::<u16>(cells::OF_FACE)?;
-        let of_node = inner.array_of::<u16>(contract::OF_FACE, n)?;
-        let cell = |i: usize, _| of_small.get(of_node[i] as usize).map_or(u32::MAX, |&cell| cell.into());
-        context.run.fill_each(cells.data(), CHUNK, cell)?;
+    if let Some(inner) = refinement::in_use(work, exact)?
+        && let Some(fine) = Refinement::kept(&graph, work)?
+    {
+        let cell = cells_of_nodes(fine.len(), exact, &inner)?;
+        cells.data().iter_mut().zip(fine.of_nodes()).for_each(|(slot, own)| *slot = cell(fine.central(own) as usize));
     } else {
-        let of_node = work.array_of::<u16>(cells::OF_FACE, n)?;
-        context.run.fill_each(cells.data(), CHUNK, |i, _| of_node[i].into())?;
+        let cell = cells_of_nodes(n, exact, work)?;
+        context.run.fill_each(cells.data(), CHUNK, |i, _| cell(i))?;
     }
     let restored = order.restore(FILE, cells.finish(false)?, context)?;
     // Only the mapping is used from here on. No stage owns the file, so nobody else would ever remove it.
     context.work.remove(FILE);
     Ok(restored)
+}
+
+/// The cell of each of the `n` nodes of the mesh in `work`: those of its contraction, if that was used.
+fn cells_of_nodes(n: usize, exact: bool, work: &WorkDir) -> Result<Box<dyn Fn(usize) -> u32 + Sync>> {
+    let Some(inner) = decision::contraction_in_use(work, exact)? else {
+        let of_node = work.array_of::<u16>(cells::OF_FACE, n)?;
+        return Ok(Box::new(move |i| of_node[i].into()));
+    };
+    let of_small = inner.open_array::<u16>(cells::OF_FACE)?;
+    let of_node = inner.array_of::<u16>(contract::OF_FACE, n)?;
+    Ok(Box::new(move |i| of_small.get(of_node[i] as usize).map_or(u32::MAX, |&cell| cell.into())))
 }

@@ -150,7 +150,8 @@ impl Corrections<'_> {
         let Some(painted) = self.painted else { return Ok(Vec::new()) };
         let OnCells { order, cell, seen, .. } = surface;
         let values = || {
-            let all = (0..painted.len() as u32).map(|node| (node, painted[order.face(node) as usize]));
+            let nodes = order.order.as_ref().map_or(painted.len(), |order| order.len()) as u32;
+            let all = (0..nodes).map(|node| (node, painted[order.face(node) as usize]));
             all.filter(|(_, value)| *value != 0)
         };
         let mut counts = tally(values().map(|(node, value)| (cell(node), value)));

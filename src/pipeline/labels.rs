@@ -5,6 +5,7 @@
 
 use super::edits::PartMarks;
 use super::params::SegmentParams;
+use super::refinement::RefinementStage;
 use super::surface::SurfaceStage;
 use crate::apps::colours;
 use crate::apps::edits::Edits;
@@ -34,13 +35,14 @@ pub(super) const QUALITY: &str = "quality.npy";
 /// The stage that writes them.
 pub(super) const STAGE: &str = "labels";
 /// Version of the algorithm that decides on parts, given the cells.
-pub(super) const DECISION_VERSION: u32 = 30;
+pub(super) const DECISION_VERSION: u32 = 31;
 /// Version of the algorithms behind labels: the sum of that of boundaries and colours, the first number, and those of
 /// all earlier stages. Labels of an older program are rejected when read.
 pub const LABELS_VERSION: u32 = 8
     + DECISION_VERSION
     + GraphStage::VERSION
     + WeightsStage::VERSION
+    + RefinementStage::VERSION
     + SurfaceStage::VERSION
     + RowsStage::VERSION
     + Contraction::VERSION;

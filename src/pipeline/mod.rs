@@ -29,6 +29,8 @@ mod partial;
 mod parts;
 pub mod plan;
 pub mod recipe;
+mod refined;
+mod refinement;
 pub mod report;
 mod sample;
 pub mod sequence;

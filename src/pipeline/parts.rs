@@ -10,6 +10,7 @@ use super::decision::{DecisionFacts, DecisionStage, decision_key, discard};
 use super::edits::{Corrections, OnCells, PartMarks};
 use super::labels::{self, Clustered, LABELS, SegmentStats};
 use super::params::{Boundaries, SegmentParams, TinyComponents, Walls, landmarks_on_contraction};
+use super::refinement::NO_AREA;
 use super::surface::{Kind, PreparedSurface, SurfaceStage, WeightedSurface};
 use super::units::Units;
 use crate::base::printable::counted;
@@ -31,8 +32,6 @@ use std::collections::{BTreeMap, BTreeSet};
 const CHUNK: usize = 1 << 15;
 /// Temporary labels for locating edits.
 const SEEN: &str = "seen.tmp";
-/// Area, with the box's diagonal as the unit, below which a surface consists of points and lines up to rounding.
-const NO_AREA: f64 = 1e-12;
 
 /// What determines the parts besides the options.
 #[derive(Clone, Copy, Default)]
@@ -106,10 +105,10 @@ impl Located<'_> {
     }
 }
 
-/// Cuts the mesh of `graph`, whose nodes are in `order`.
+/// Cuts the mesh of `graph`, whose nodes are in `order`; `nodes` are those at the places of each edit.
 pub(super) fn parts(
     graph: &DualGraph,
-    order: &NodeOrder,
+    (order, nodes): (&NodeOrder, &[Vec<u32>]),
     params: &SegmentParams,
     requests: PartRequests<'_>,
     context: Context<'_>,
@@ -124,15 +123,14 @@ pub(super) fn parts(
     } else {
         params
     };
-    let nodes = requests.corrections.nodes(n, order, context.run)?;
     let (surface, weighted) = weighted(graph, params, context)?;
     let whole = WeightedSurface { graph, weighted: &weighted, surface: &surface };
     let boundaries = whole.boundaries(params.metric);
-    let located = Located { requests, nodes: &nodes, order, whole: boundaries, context, units: None };
+    let located = Located { requests, nodes, order, whole: boundaries, context, units: None };
     let PreparedSurface { shares, radius, .. } = &surface;
     if params.tiny_components == TinyComponents::Own && shares.tiny_nodes > 0 {
         let tiny = |node: u32| shares.at(node as usize) <= 0.;
-        requests.corrections.refuse_own(&nodes, "tiny components", tiny)?;
+        requests.corrections.refuse_own(nodes, "tiny components", tiny)?;
         let others = n as u64 - shares.tiny_nodes;
         if params.parts.count.least() as u64 > others {
             let problem = "tiny components cannot be one part if more parts are requested than there are other faces";
@@ -152,7 +150,6 @@ pub(super) fn parts(
         boundary::refine(boundaries, decided.units.cells(), method, LABELS, context)
     })?;
     let RefinedLabels { mut labels, boundary_nodes } = refined;
-    requests.corrections.tell_unmet(&nodes, order, &labels, context.run);
     let (mut parts, mut tiny_components_label) = (decided.parts, None);
     if params.tiny_components == TinyComponents::Own && shares.tiny_nodes == 0 {
         context.run.progress.note(labels::NO_TINY_COMPONENTS);

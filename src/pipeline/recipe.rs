@@ -11,7 +11,8 @@ use super::input;
 use super::labels::{self, SegmentedMesh, label};
 use super::means::{self, Means};
 use super::params::{Cluster, SegmentParams, dimensions};
-use super::parts::{self, PartRequests};
+use super::parts::PartRequests;
+use super::refined;
 use super::sample::rows;
 use crate::base::{Error, Result};
 use crate::cluster::parts::{PartTree, PartsParams};
@@ -66,7 +67,7 @@ pub fn segment_corrected(
             rows.release(context.work)?;
             clustered
         }
-        None => parts::parts(&graph, &order, params, PartRequests { tree: None, corrections }, context)?,
+        None => refined::parts(&graph, &order, params, PartRequests { tree: None, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
 }
@@ -145,7 +146,7 @@ pub fn cluster(
                 means::over_faces(&graph, &rows, Means { embedding, fit }, context)?
             }
         },
-        None => parts::parts(&graph, &order, params, PartRequests { tree, corrections }, context)?,
+        None => refined::parts(&graph, &order, params, PartRequests { tree, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
 }

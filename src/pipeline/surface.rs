@@ -88,6 +88,15 @@ impl<'a> WeightedSurface<'a> {
     }
 }
 
+/// Whether each of the `n` nodes of the surface in `work` is in a tiny component.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::WorkDir`].
+pub(super) fn is_tiny(n: usize, work: &WorkDir) -> Result<impl Fn(usize) -> bool> {
+    let shares = work.array_of::<f32>(area_shares::FILE, n)?;
+    Ok(move |node: usize| shares[node] <= 0.)
+}
+
 /// What the manifest records.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct SurfaceFacts {

@@ -1,10 +1,13 @@
-//! Opens work directories that must exist already, to continue them or to inspect them.
+//! Opens work directories that must exist already, to continue them or to inspect them, and those nested in them.
 
 use super::WorkDir;
 use super::folder::is_begun;
 use super::manifest::{MANIFEST, is_of_two};
+use crate::base::sort::map_of;
 use crate::base::{Error, Result};
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 impl WorkDir {
     /// Opens an existing work directory read-only, beside any other reader.
@@ -45,6 +48,28 @@ impl WorkDir {
     /// Whether this was written by `correspond`: it contains a work directory for each of two meshes.
     pub fn is_of_two(&self) -> bool {
         is_of_two(self.path())
+    }
+
+    /// The nested work directories, at any depth, that have a manifest, by path: `refined`, `refined/contracted`.
+    ///
+    /// # Errors
+    /// As [`WorkDir::inner`].
+    pub fn all_inner(&self) -> Result<BTreeMap<String, Arc<Self>>> {
+        let mut all = BTreeMap::new();
+        for (name, inner) in self.inner_here()? {
+            all.extend(inner.all_inner()?.into_iter().map(|(path, inner)| (format!("{name}/{path}"), inner)));
+            all.insert(name, inner);
+        }
+        Ok(all)
+    }
+
+    /// The same, without those nested in these.
+    pub(super) fn inner_here(&self) -> Result<BTreeMap<String, Arc<Self>>> {
+        let entries = std::fs::read_dir(self.path()).map_err(Error::io(self.path(), "read"))?.flatten();
+        let folders = entries.filter(|entry| entry.path().join(MANIFEST).is_file());
+        let names = folders.filter_map(|entry| entry.file_name().into_string().ok());
+        let inner = names.map(|name| Ok((name.clone(), self.inner(&name)?))).collect::<Result<Vec<_>>>()?;
+        Ok(map_of(inner))
     }
 
     /// Opens an existing folder read-only.

@@ -361,7 +361,7 @@ impl WorkDir {
     /// # Errors
     /// [`Error::Io`], [`Error::WorkDir`] if a nested directory is in use.
     pub fn clear(&self) -> Result<()> {
-        for (name, inner) in self.all_inner()? {
+        for (name, inner) in self.inner_here()? {
             inner.clear()?;
             drop(inner);
             // If files of no stage are left, it stays a work directory: without a manifest, the program would refuse to

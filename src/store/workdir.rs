@@ -24,7 +24,6 @@ use super::mapped::AlignedBuffer;
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
 use super::rows_file::{self, RowsFile};
 use super::{MappedBytes, MappedSlice, MappedSliceMut};
-use crate::base::sort::map_of;
 use crate::base::{Cancel, Error, Result, parallel};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -203,18 +202,6 @@ impl WorkDir {
             all.insert(name.to_string(), inner.clone());
         }
         Ok(inner)
-    }
-
-    /// The nested work directories, by name: those that have a manifest.
-    ///
-    /// # Errors
-    /// As [`WorkDir::inner`].
-    pub fn all_inner(&self) -> Result<BTreeMap<String, Arc<Self>>> {
-        let entries = std::fs::read_dir(self.path()).map_err(Error::io(self.path(), "read"))?.flatten();
-        let folders = entries.filter(|entry| entry.path().join(MANIFEST).is_file());
-        let names = folders.filter_map(|entry| entry.file_name().into_string().ok());
-        let inner = names.map(|name| Ok((name.clone(), self.inner(&name)?))).collect::<Result<Vec<_>>>()?;
-        Ok(map_of(inner))
     }
 
     /// Its folder; created now if that was deferred.

@@ -203,6 +203,21 @@ fn forged(manifest: &Value, numbers: &mut Numbers) -> Vec<(String, Vec<u8>)> {
     all
 }
 
+/// The files in `folder` and in those within it, but locks, in order.
+fn files_in(folder: &Path) -> Vec<String> {
+    let mut all = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let (path, name) = (entry.as_ref().unwrap().path(), entry.unwrap().file_name().into_string().unwrap());
+        if path.is_dir() {
+            all.extend(files_in(&path).into_iter().map(|file| format!("{name}/{file}")));
+        } else if name != "lock" {
+            all.push(name);
+        }
+    }
+    all.sort();
+    all
+}
+
 /// Has the manifest in `work` tell the sizes and checksums that its files have.
 fn fit(work: &Path) {
     let path = work.join("manifest.json");
@@ -252,14 +267,15 @@ impl Case<'_> {
     /// Runs command number `k` on a copy; says what is wrong with how it ends.
     fn wrong(&self, k: usize, mesh: &Path, folder: &Path) -> Option<String> {
         let work = folder.join("work");
-        std::fs::create_dir_all(&work).unwrap();
-        for entry in std::fs::read_dir(&self.subject.work).unwrap() {
-            let path = entry.unwrap().path();
-            std::fs::copy(&path, work.join(path.file_name().unwrap())).unwrap();
+        for file in files_in(&self.subject.work) {
+            std::fs::create_dir_all(work.join(&file).parent().unwrap()).unwrap();
+            std::fs::copy(self.subject.work.join(&file), work.join(&file)).unwrap();
         }
+        std::fs::write(work.join("lock"), []).unwrap();
         std::fs::write(work.join(&self.file), &self.bytes).unwrap();
         if self.fits {
-            fit(&work);
+            let manifests = files_in(&work).into_iter().filter(|file| file.ends_with("manifest.json"));
+            manifests.for_each(|file| fit(work.join(file).parent().unwrap()));
         }
         let commands = &self.subject.commands;
         let command = &commands[k % commands.len()];
@@ -276,7 +292,7 @@ impl Case<'_> {
         let said = errors(&output);
         let own = [word_of(&work), word_of(mesh)].iter().any(|path| said.contains(path.as_str()));
         let fine = match output.status.code() {
-            Some(0) if !self.fits && self.file != "manifest.json" && command.contains(&"OUT") => {
+            Some(0) if !self.fits && !self.file.ends_with("manifest.json") && command.contains(&"OUT") => {
                 std::fs::read(folder.join("out.seg")).unwrap() == self.subject.labels
             }
             Some(0) => true,
@@ -297,17 +313,12 @@ fn word_of(path: &Path) -> String {
 fn an_altered_work_directory_is_made_anew_or_refused() {
     let dir = in_memory();
     let mesh_path = dir.path().join("mesh.ply");
-    mesh(&mesh_path, 8, 7);
+    mesh(&mesh_path, 16, 14);
     let subjects = subjects(dir.path(), &mesh_path);
     let mut numbers = Numbers(1);
     let mut cases = Vec::new();
     for subject in &subjects {
-        let mut names: Vec<String> = std::fs::read_dir(&subject.work)
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .collect();
-        names.sort();
-        for file in names.into_iter().filter(|name| name != "lock") {
+        for file in files_in(&subject.work) {
             let bytes = std::fs::read(subject.work.join(&file)).unwrap();
             for (k, (what, bytes)) in damaged(&bytes, &mut numbers).into_iter().enumerate() {
                 // Without fitting checksums one case in three: they all end in the same place.
@@ -348,6 +359,31 @@ fn an_altered_work_directory_is_made_anew_or_refused() {
     });
     let wrong = wrong.into_inner().unwrap();
     assert!(wrong.is_empty(), "{} of {} cases:\n{}", wrong.len(), cases.len() / stride, wrong.join("\n"));
+}
+
+/// Meshes of long triangles are decided on shorter ones, in folders within the work directory.
+#[test]
+fn an_altered_refinement_is_made_anew_or_refused() {
+    let dir = in_memory();
+    let mesh_path = dir.path().join("mesh.ply");
+    mesh(&mesh_path, 8, 7);
+    let (work, labels) = (dir.path().join("whole"), dir.path().join("whole.seg"));
+    ok(&["segment", word(&mesh_path), "-o", word(&labels), "-q", "--work-dir", word(&work)]);
+    let commands = ["cluster -q -o OUT", "segment MESH -q -o OUT", "export -q -o X.html", "verify"];
+    let commands = commands.map(|words| words.split(' ').collect()).to_vec();
+    let subject = Subject { work, commands, labels: std::fs::read(labels).unwrap() };
+    let (mut numbers, mut wrong, mut cases) = (Numbers(2), Vec::new(), 0);
+    for file in files_in(&subject.work) {
+        let bytes = std::fs::read(subject.work.join(&file)).unwrap();
+        for (what, bytes) in damaged(&bytes, &mut numbers).into_iter().step_by(9) {
+            let case = Case { subject: &subject, file: file.clone(), what, bytes, fits: cases % 2 == 0 };
+            let folder = dir.path().join(format!("case-{cases}"));
+            wrong.extend(case.wrong(cases / 2, &mesh_path, &folder));
+            let _ = std::fs::remove_dir_all(folder);
+            cases += 1;
+        }
+    }
+    assert!(cases > 60 && wrong.is_empty(), "{} of {cases} cases:\n{}", wrong.len(), wrong.join("\n"));
 }
 
 /// Sums of rows in a manifest were added up without a look at them.
