@@ -2,7 +2,9 @@
 //!
 //! One pass over the faces gives the box, one the area and with it the size of the grid cells, a third merges: vertices
 //! in a grid cell become their mean; faces that still have three different corners are kept, once each. Memory is
-//! proportional to the result, so any size is possible. A mesh that is small enough is not changed.
+//! proportional to the result, so any size is possible. A mesh that is small enough is not changed, except that
+//! vertices along open edges are welded as in the dual graph: STL has three per triangle, and parts would have no
+//! neighbours.
 
 use crate::apps::edits::bounds;
 use crate::base::Result;
@@ -13,8 +15,8 @@ use std::collections::{HashMap, HashSet};
 
 /// Maximum number of grid cells along the longest side, so that a cell's index fits in 64 bits.
 const FINEST: f64 = 2_000_000.;
-/// Bytes per triangle during merging: vertices, triangles and their lookup tables.
-pub const BYTES: u64 = 160;
+/// Bytes per triangle during merging and welding: vertices, triangles and their lookup tables.
+pub const BYTES: u64 = 320;
 
 /// A decimated mesh.
 #[derive(Clone, Debug, Default)]
@@ -65,7 +67,40 @@ impl Decimated {
             });
         })?;
         decimated.positions = merged.sums.iter().map(|sum| [0, 1, 2].map(|k| sum[k] / sum[3])).collect();
+        if size == 0. {
+            decimated.weld();
+        }
         Ok(decimated)
+    }
+
+    /// Makes vertices of open edges one if they are at exactly the same position.
+    fn weld(&mut self) {
+        let side = |a: u32, b: u32| [a.min(b), a.max(b)];
+        let mut sides: Vec<[u32; 2]> =
+            self.triangles.iter().flat_map(|&[a, b, c]| [side(a, b), side(b, c), side(c, a)]).collect();
+        sides.sort_unstable();
+        let mut open: Vec<u32> =
+            sides.chunk_by(|a, b| a == b).filter(|same| same.len() == 1).flat_map(|same| same[0]).collect();
+        drop(sides);
+        open.sort_unstable();
+        open.dedup();
+        // Zero has two signs.
+        let place = |v: u32| self.positions[v as usize].map(|x| (x + 0.).to_bits());
+        let mut places: Vec<([u64; 3], u32)> = open.into_iter().map(|v| (place(v), v)).collect();
+        places.sort_unstable();
+        let mut first: Vec<u32> = (0..self.positions.len() as u32).collect();
+        for same in places.chunk_by(|a, b| a.0 == b.0) {
+            same.iter().for_each(|&(_, v)| first[v as usize] = same[0].1);
+        }
+        // The first of them comes before the others, so its new number is known.
+        let (before, mut number) = (std::mem::take(&mut self.positions), Vec::with_capacity(first.len()));
+        for (v, &first) in first.iter().enumerate() {
+            number.push(number.get(first as usize).copied().unwrap_or(self.positions.len() as u32));
+            if v == first as usize {
+                self.positions.push(before[v]);
+            }
+        }
+        self.triangles.iter_mut().flatten().for_each(|v| *v = number[*v as usize]);
     }
 }
 
@@ -90,6 +125,9 @@ impl Merged {
         let number = *self.number.entry(key).or_insert(new);
         if number == new {
             self.sums.push([0.; 4]);
+        } else if self.size == 0. {
+            // Of its mean, the last bits might differ from the position.
+            return number;
         }
         let sum = &mut self.sums[number as usize];
         (0..3).for_each(|k| sum[k] += position[k]);
@@ -143,6 +181,30 @@ mod tests {
         assert!(expected.len() < 2_000);
         faces.resize(2 * faces.len(), Vec::new());
         assert!(triangles(&faces) == expected);
+    }
+
+    /// Regression: in pages of STL no triangle had a neighbour, so parts had no boundaries.
+    #[test]
+    fn vertices_of_open_edges_are_welded() {
+        let corners = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+        let sides = [[0u32, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+        let decimated = |points: &[[f64; 3]], faces: &[[u32; 3]]| {
+            Decimated::of(&Mesh::from_slices(points, faces).unwrap(), 1_000, &Run::new(&())).unwrap()
+        };
+        // Zeros of either sign are the same.
+        let zero = |k: usize, x: f64| if k.is_multiple_of(2) && x == 0. { -0. } else { x };
+        let soup: Vec<[f64; 3]> =
+            sides.iter().flatten().enumerate().map(|(k, &v)| corners[v as usize].map(|x| zero(k, x))).collect();
+        let faces: Vec<[u32; 3]> = (0..4).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let one = decimated(&soup, &faces);
+        assert_eq!((one.positions.len(), &one.faces[..]), (4, &[0, 1, 2, 3][..]));
+        assert_eq!(one.triangles, [[0, 1, 2], [0, 2, 3], [2, 1, 3], [1, 0, 3]]);
+        // Closed pieces that touch have no open edge. A triangle whose corners coincide keeps its place.
+        let twice: Vec<[f64; 3]> = corners.iter().chain(&corners).copied().chain([[5.; 3], [5.; 3], [6.; 3]]).collect();
+        let faces: Vec<[u32; 3]> =
+            sides.iter().copied().chain(sides.map(|side| side.map(|v| v + 4))).chain([[8, 9, 10]]).collect();
+        let apart = decimated(&twice, &faces);
+        assert_eq!((apart.positions.len(), apart.triangles[4], apart.triangles[8]), (10, [4, 5, 6], [8, 8, 9]));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! The mesh is decimated to [`TRIANGLES`] ([`decimate`]), quantised to 16 bits per coordinate, and embedded with its
 //! labels, the cuts of the merge tree into other numbers of parts, and the run's report; `viewer.js` draws it with
 //! WebGL, `editor.js` applies edits on cells as `pipeline::edits` does, and `refine.js` moves boundaries onto creases.
-//! Cost: three passes over the mesh and 30 MB; the file has 3–4 MB.
+//! Cost: three passes over the mesh and 40 MB; the file has 3–4 MB.
 
 pub mod decimate;
 

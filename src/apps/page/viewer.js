@@ -39,6 +39,7 @@
     for (let t = 0; t < count; t++) {
       for (let k = 0; k < 3; k++) {
         const a = triangles[3 * t + k], b = triangles[3 * t + (k + 1) % 3];
+        if (a === b) continue;
         const key = Math.min(a, b) * vertices + Math.max(a, b);
         const other = open.get(key);
         if (other === undefined) open.set(key, t);
