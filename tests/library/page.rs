@@ -174,3 +174,24 @@ fn edits_of_a_page_state_the_cut_that_they_were_made_on() {
     assert_eq!(shown(file(Edit::Protect { at: at() }), six()), [json!(4), Value::Null]);
     assert_eq!(shown(split(), Value::Null), [json!(4), Value::Null]);
 }
+
+#[test]
+fn a_page_knows_which_parts_its_edits_dropped_and_protect() {
+    // Regression: an edit on the page could change protected parts, and dropped ones got the number of ordinary parts.
+    let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
+    let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]]).unwrap();
+    let shown = |edits: &[Edit], last: [u8; 3]| {
+        let edits = Edits { edits: edits.to_vec(), ..Edits::default() };
+        let (colours, report) = ([[255, 0, 0], last], json!({}));
+        let (edits, labels, cuts) = (Some(&edits), &[1, 0], None);
+        let page = Page { title: "", mesh: &mesh, labels, colours: &colours, names: &[], cuts, edits, report: &report };
+        let shown = data(&page.html(&run()).unwrap());
+        [shown["dropped"].clone(), shown["kept"].clone()]
+    };
+    let (drop, protect) = (Edit::Drop { at: Place::Face(0) }, Edit::Protect { at: Place::Point([0.1, 0.9, 0.]) });
+    let (grey, red) = ([128; 3], [255, 0, 0]);
+    assert_eq!(shown(&[drop.clone(), protect.clone(), protect], grey), [json!([1]), json!([0])]);
+    assert_eq!(shown(&[], grey), [json!([]), json!([])]);
+    // Of a dropped part that has no face left, there is no grey part.
+    assert_eq!(shown(&[drop], red), [json!([]), json!([])]);
+}

@@ -445,6 +445,28 @@ fn clicks_on_a_page_become_labels_of_all_faces() {
     }
 }
 
+/// Regression: the page forgot which parts earlier edits had dropped and protected.
+#[test]
+fn clicks_on_a_page_with_edits_come_after_them() {
+    if !has_browser() {
+        return;
+    }
+    let scene = scene(12_000);
+    let [page, seen, out] = ["later.html", "seen", "out.seg"].map(|name| scene.dir.path().join(name));
+    let edits = json!([
+        {"edit": "protect", "at": scene.place(0)}, {"edit": "drop", "at": scene.place(2)},
+        {"edit": "name", "at": scene.place(1), "name": "one"},
+    ]);
+    scene.edited(&edits, &["-o", word(&page)]);
+    std::fs::create_dir(&seen).unwrap();
+    tool("check-page", &[&page, &seen]);
+    let (work, edits) = (word(&scene.work), seen.join("edits.json"));
+    ok(&["cluster", "-q", "--work-dir", work, "--edits", word(&edits), "-o", word(&out)]);
+    let (labels, shown) = (read_seg(&out).unwrap(), read_seg(&seen.join("creature_12000.seg")).unwrap());
+    let same = labels.iter().zip(&shown).filter(|(a, b)| a == b).count();
+    assert!(parts(&labels) == 10 && same as f64 > 0.98 * labels.len() as f64, "{same} of {}", labels.len());
+}
+
 #[test]
 fn names_go_into_every_output() {
     let scene = scene(5_000);

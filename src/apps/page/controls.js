@@ -138,5 +138,6 @@
     get zoom() { return view.zoom; }, get turn() { return view.turn.flat(); }, get over() { return over; }, get command() { return command(); },
     get colours() { return cut.colours; }, get status() { return $('status').textContent; }, get picked() { return picked; },
     get labels() { return Array.from(cut.part); }, get shares() { return measured; },
+    get dropped() { return cut.dropped; }, get kept() { return [...cut.kept]; },
   };
 })();

@@ -1,7 +1,8 @@
 'use strict';
 // Parts while edits are followed, on the cells of the surface: the steps of src/pipeline/edits.rs, src/cluster/parts/hints.rs
-// and src/cluster/parts/split.rs, so that a page shows what the program will make of the same edits.
-function editorOf(model, bytes) {
+// and src/cluster/parts/split.rs, so that a page shows what the program will make of the same edits. `marked` are the
+// names, colours, dropped and protected parts that `start` has from earlier edits.
+function editorOf(model, bytes, marked) {
   const numbers = (text) => new Uint16Array(bytes(text));
   const start = numbers(model.start), unions = numbers(model.unions), pairs = numbers(model.pairs);
   const area = new Float32Array(bytes(model.area)), length = new Float32Array(bytes(model.length));
@@ -274,8 +275,8 @@ function editorOf(model, bytes) {
   function follow(base, all, already = () => false) {
     const edits = all.filter(({ edit, cells }) => marks.includes(edit) || !cells.every(already));
     const sound = hinted(base, edits), label = sound || Array.from(base);
-    const names = new Map(), colours = new Map(), dropped = new Set();
-    const kept = new Set(label.filter((_, cell) => already(cell)));
+    const names = new Map(marked.names), colours = new Map(marked.colours), dropped = new Set(marked.dropped);
+    const kept = new Set([...marked.kept, ...label.filter((_, cell) => already(cell))]);
     let next = label.reduce((top, x) => Math.max(top, x), -1) + 1, error = null;
     if (!sound) error = 'This contradicts another hint, or two of the places are too close.';
     for (const { edit, cells: [at] } of edits) {

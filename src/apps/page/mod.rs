@@ -7,7 +7,7 @@
 
 pub mod decimate;
 
-use super::edits::Edits;
+use super::edits::{Edit, Edits};
 use super::picture;
 use crate::base::tally::tally;
 use crate::base::{Error, Result};
@@ -16,6 +16,7 @@ use crate::cluster::parts::hints::Affinities;
 use crate::mesh::Mesh;
 use crate::mesh::geometry::one_per_face;
 use crate::mesh::output::publish;
+use crate::mesh::ply::labelled::GREY;
 use crate::store::Run;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -175,8 +176,9 @@ impl Page<'_> {
         let bytes = decimate::BYTES * shown.mesh.faces.triangle_count().min(TRIANGLES as u64);
         let _grant = run.budget.take("the page's mesh", bytes / 4, bytes)?;
         let decimated = Decimated::of(shown.mesh, TRIANGLES, run)?;
+        let marked = shown.marked(run)?;
         // No text in the data can close the script element or start a comment there.
-        let data = shown.data(&decimated, axes).to_string().replace('<', "\\u003c");
+        let data = shown.data(&decimated, axes, marked).to_string().replace('<', "\\u003c");
         let title = self.title.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let places = [("/*STYLE*/", STYLE), ("{{TITLE}}", &title), ("/*SCRIPT*/", SCRIPT), ("\"DATA\"", &data)];
         Ok(filled(TEMPLATE, &places))
@@ -194,8 +196,24 @@ impl Page<'_> {
         edits
     }
 
+    /// The parts that the edits have dropped, and those that they protect: edits on the page keep them so.
+    fn marked(&self, run: &Run) -> Result<[Vec<u32>; 2]> {
+        let Some(edits) = self.edits else { return Ok(Default::default()) };
+        // Dropped parts become the last one. It is missing here if boundaries left it no face.
+        let drops = edits.edits.iter().any(|edit| matches!(edit, Edit::Drop { .. }));
+        let last = (0..).zip(self.colours).last().filter(|(_, colour)| drops && **colour == GREY);
+        let protects = edits.edits.iter().filter(|edit| matches!(edit, Edit::Protect { .. })).cloned().collect();
+        let protects = Edits { edits: protects, ..edits.clone() };
+        let faces = protects.on(self.mesh, run)?.faces;
+        let mut kept: Vec<u32> = faces.iter().flatten().map(|&face| self.labels[face as usize]).collect();
+        kept.sort_unstable();
+        kept.dedup();
+        Ok([last.map(|(part, _)| part).into_iter().collect(), kept])
+    }
+
     /// The data for the script.
-    fn data(&self, decimated: &Decimated, axes: [[f64; 3]; 3]) -> serde_json::Value {
+    fn data(&self, decimated: &Decimated, axes: [[f64; 3]; 3], marked: [Vec<u32>; 2]) -> serde_json::Value {
+        let [dropped, kept] = marked;
         let [low, high] = decimated.bounds;
         let side = (0..3).map(|k| high[k] - low[k]).fold(0., f64::max).max(f64::MIN_POSITIVE);
         let quantised = |p: [f64; 3]| [0, 1, 2].map(|k| ((p[k] - low[k]) / side * 65535.).round() as u16);
@@ -221,6 +239,8 @@ impl Page<'_> {
             "colours": self.colours.get(..MOST_PARTS).unwrap_or(self.colours),
             "names": self.names,
             "edits": self.edits,
+            "dropped": dropped,
+            "kept": kept,
             "whole": decimated.faces.iter().copied().eq(0..self.mesh.faces.len() as u32),
             "low": low,
             "side": side,

@@ -62,8 +62,16 @@
   const order = [...new Set([found, ...tables.keys()])].sort((a, b) => a - b);
 
   // ---- edits: those that the page came with, and those made on it
-  const model = data.cuts && data.cuts.model ? editorOf(data.cuts.model, bytes) : null;
   const earlier = data.edits && data.edits.edits.length ? data.edits : null;
+  const hexOf = (rgb) => '#' + rgb.map((x) => x.toString(16).padStart(2, '0')).join('');
+  const given = new Set((earlier ? earlier.edits : []).map(({ colour }) => colour));
+  const numbered = (list) => (earlier && list ? list : []).map((said, part) => [part, said])
+    .filter(([part]) => !data.dropped.includes(part));
+  const marked = {
+    dropped: data.dropped, kept: data.kept, names: numbered(data.names).filter(([, name]) => name),
+    colours: numbered(data.colours).filter(([, rgb]) => given.has(hexOf(rgb))),
+  };
+  const model = data.cuts && data.cuts.model ? editorOf(data.cuts.model, bytes, marked) : null;
   const refined = refiner(count, edges, corner, areas);
   let edits = [], undone = [];
 
@@ -84,7 +92,8 @@
       state.names.forEach((name, part) => names.set(part, name));
       names.forEach((name, part) => name || names.delete(part));
       const colours = data.colours.map((rgb, part) => state.colours.get(part) || rgb);
-      return { part: labels, colours, names, id: colours.map((_, part) => part), dropped: -1, kept: state.kept, plain };
+      const dropped = data.dropped.length ? data.dropped[0] : -1;
+      return { part: labels, colours, names, id: colours.map((_, part) => part), dropped, kept: state.kept, plain };
     }
     const ids = [...new Set(Array.from(state.label).filter((id) => !state.dropped.has(id)))];
     const place = new Map(ids.map((id, part) => [id, part]));
