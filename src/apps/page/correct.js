@@ -141,13 +141,26 @@
   const quoted = (word) => (/^[\w./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
   // Options that the same cells and parts come from.
   function options() {
-    const all = report.options || {};
-    return (all.seed ? ` --seed ${all.seed}` : '') + (all.exact ? ' --exact' : '') + (all.landmarks ? ` -l ${all.landmarks}` : '');
+    const all = report.options || {}, method = all.cluster || 'parts';
+    const cluster = method === 'parts' ? '' : ` --cluster ${method.replace('k-means', 'kmeans')}`;
+    return cluster + (all.seed ? ` --seed ${all.seed}` : '') + (all.exact ? ' --exact' : '') + (all.landmarks ? ` -l ${all.landmarks}` : '');
+  }
+  // The option for the number of parts beside saved edits. Without it their file says which cut they start from; if they
+  // protect parts of that cut, the rest may be cut into another number, and a file holds no bounds.
+  function beside() {
+    if (protectedAt() !== number && number !== found) return ` -k ${number}`;
+    const { count, detail } = (report.options || {}).parts || {};
+    if (!count) return '';
+    const range = count.between ? ` --parts-range ${count.between.join('..')}` : '', finer = range && !detail ? '' : ` --detail ${detail || 0}`;
+    const asked = count.exactly ? ` -k ${count.exactly}` : range + finer;
+    if (protectedAt() !== number) return asked;
+    const own = !earlier ? asked : earlier.parts ? ` -k ${earlier.parts}` : ` --detail ${earlier.detail || 0}`;
+    return own === asked ? '' : asked;
   }
   function command() {
     const mesh = data.title.startsWith('<') ? 'MESH' : quoted(data.title);
     const all = from(), start = `nystrom-stream segment ${mesh}${options()}`;
-    if (edits.length || earlier) return `${start} --edits edits.json${protectedAt() === number ? '' : ` -k ${number}`} -o ${quoted(stem() + '.corrected.ply')}`;
+    if (edits.length || earlier) return `${start} --edits edits.json${beside()} -o ${quoted(stem() + '.corrected.ply')}`;
     return start + (all.parts ? ` -k ${all.parts}` : all.detail ? ` --detail ${all.detail}` : '');
   }
   function save(name, blob) {
