@@ -21,7 +21,7 @@
     draw();
   }
   const fingers = new Map();
-  let moved = 0, stroke = null;
+  let moved = 0, stroke = null, tapped = { time: -Infinity };
   function drawStroke() {
     $('stroke').toggleAttribute('hidden', !stroke || moved < 6);
     if (stroke) ['x1', 'y1', 'x2', 'y2'].forEach((name, k) => $('stroke').firstElementChild.setAttribute(name, stroke[k]));
@@ -51,6 +51,11 @@
     else turnBy(x * .008, y * .008);
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
   });
+  const underneath = (event) => {
+    const box = canvas.getBoundingClientRect();
+    return triangleAt(event.clientX - box.left, event.clientY - box.top);
+  };
+  const zoomTo = (t) => zoomToPart(t < 0 ? -1 : cut.part[t]);
   canvas.addEventListener('pointerup', (event) => {
     fingers.delete(event.pointerId);
     const drawn = moved < 6 ? null : stroke;
@@ -58,9 +63,13 @@
     drawStroke();
     if (drawn) return cutAlong(...drawn);
     if (moved < 6 && event.button === 0) {
-      const box = canvas.getBoundingClientRect();
-      const t = triangleAt(event.clientX - box.left, event.clientY - box.top);
+      const t = underneath(event);
       act(t < 0 ? -1 : cut.part[t], t);
+      // Not every browser makes a double click of two taps.
+      if (event.pointerType !== 'touch' || mode !== 'view') return;
+      const twice = event.timeStamp - tapped.time < 400 && Math.hypot(event.clientX - tapped.x, event.clientY - tapped.y) < 30;
+      if (twice) zoomTo(t);
+      tapped = { time: twice ? -Infinity : event.timeStamp, x: event.clientX, y: event.clientY };
     }
   });
   canvas.addEventListener('pointercancel', (event) => {
@@ -78,7 +87,7 @@
     ArrowDown: () => turnBy(0, .1), '+': () => zoomBy(1.15), '=': () => zoomBy(1.15), '-': () => zoomBy(1 / 1.15),
   };
   const anywhere = {
-    r: reset, f: zoomToPart, z: undo, y: redo, v: () => setMode('view'), m: () => setMode('merge'), s: () => setMode('split'),
+    r: reset, f: () => zoomToPart(), z: undo, y: redo, v: () => setMode('view'), m: () => setMode('merge'), s: () => setMode('split'),
     c: () => setMode('cut'), t: () => setMode('together'), a: () => setMode('apart'), d: () => setMode('drop'), p: () => setMode('protect'),
     Escape: () => { setMode('view'); showAll(); },
   };
@@ -95,7 +104,7 @@
     event.preventDefault();
     anywhere[key]();
   });
-  canvas.addEventListener('dblclick', zoomToPart);
+  canvas.addEventListener('dblclick', (event) => zoomTo(underneath(event)));
   function reset() {
     view = start();
     draw();
@@ -116,7 +125,7 @@
   document.querySelectorAll('[data-sort]').forEach((button) => { button.onclick = () => { sorting = button.dataset.sort; legend(); }; });
   $('undo').onclick = undo;
   $('redo').onclick = redo;
-  $('zoom').onclick = zoomToPart;
+  $('zoom').onclick = () => zoomToPart();
   $('save-edits').onclick = () => save('edits.json', new Blob([text()], { type: 'application/json' }));
   $('save-labels').onclick = () => save(stem() + '.seg', new Blob([Array.from(cut.part).join('\n') + '\n'], { type: 'text/plain' }));
   $('save-picture').onclick = () => { drawNow(); canvas.toBlob((blob) => save(stem() + '.png', blob)); };

@@ -189,9 +189,8 @@
     });
   }
   canvas.addEventListener('pointerleave', () => { over = -1; $('tip').hidden = true; });
-  // Fills the view with the part that is looked at, else the one under the pointer.
-  function zoomToPart() {
-    const part = alone >= 0 ? alone : over;
+  // Fills the view with a part: the one that is looked at, else the one under the pointer.
+  function zoomToPart(part = alone >= 0 ? alone : over) {
     if (part < 0) return say('Choose a part first.');
     const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
     for (let t = 0; t < count; t++) {
