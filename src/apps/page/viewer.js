@@ -378,6 +378,7 @@
 
   // ---- legend and report
   const group = (x) => Math.round(x).toLocaleString('en');
+  const counted = (n, what) => `${group(n)} ${what}${n === 1 ? '' : 's'}`;
   const share = (x) => (100 * x).toFixed(x < .1 ? 2 : 1) + ' %';
   const nameOf = (part) => cut.names.get(part) || `part ${part}`;
   let measured = [], sorting = 'part';
@@ -394,6 +395,9 @@
     if (sorting === 'area') rows.sort((a, b) => measured[b] - measured[a] || a - b);
     if (sorting === 'name') rows.sort((a, b) => nameOf(a).localeCompare(nameOf(b), 'en', { numeric: true }));
     document.querySelectorAll('#legend th button').forEach((button) => button.setAttribute('aria-pressed', button.dataset.sort === sorting));
+    // The keyboard stays where it is in the list.
+    const held = body.contains(document.activeElement) && document.activeElement, line = held && held.closest('tr');
+    const at = line && ['tr', 'input[type=color]', 'input[type=text]', 'button'].find((kind) => held.matches(kind));
     body.replaceChildren(...rows.map((part) => {
       const row = document.createElement('tr');
       row.dataset.part = part;
@@ -401,13 +405,13 @@
       row.className = part === alone ? 'alone' : shown(part) ? '' : 'hidden';
       if (picked && (mode === 'merge' || picked.triangle < 0) && picked.part === part) row.classList.add('picked');
       const cell = (text) => { const td = row.insertCell(); td.textContent = text; return td; };
-      const hex = '#' + (cut.colours[part] || [128, 128, 128]).map((x) => x.toString(16).padStart(2, '0')).join('');
-      const swatch = input(model && part !== cut.dropped ? 'color' : 'swatch', hex, `colour of ${nameOf(part)}`);
-      swatch.onchange = () => change({ edit: 'colour', at: [anchor(part)], colour: swatch.value });
+      const swatch = input(model && part !== cut.dropped ? 'color' : 'swatch', hexOf(cut.colours[part] || [128, 128, 128]), `colour of ${nameOf(part)}`);
+      // Later: the keyboard goes on to what is next in the list first.
+      swatch.onchange = () => setTimeout(change, 0, { edit: 'colour', at: [anchor(part)], colour: swatch.value });
       cell('').append(swatch);
       cell(part);
       const name = input(model && part !== cut.dropped ? 'text' : 'plain', cut.names.get(part) || '', `name of part ${part}`);
-      name.onchange = () => change({ edit: 'name', at: [anchor(part)], name: name.value.replace(/\p{Cc}+/gu, ' ').trim() });
+      name.onchange = () => setTimeout(change, 0, { edit: 'name', at: [anchor(part)], name: name.value.replace(/\p{Cc}+/gu, ' ').trim() });
       cell('').append(name);
       cell(exact ? group(exact[part].faces) : '≈ ' + group(faces[part] / count * data.faces));
       cell(share(measured[part]));
@@ -419,6 +423,9 @@
       row.onkeydown = (event) => { if (event.key === 'Enter' && event.target === row) act(part, -1); };
       return row;
     }));
+    if (!line) return;
+    const row = [...body.rows].find((other) => other.dataset.part === line.dataset.part) || body.rows[body.rows.length - 1];
+    (at === 'tr' ? row : row.querySelector(at) || row).focus();
   }
   function input(kind, value, told) {
     const made = document.createElement(kind === 'plain' || kind === 'swatch' ? 'span' : 'input');
@@ -458,8 +465,12 @@
     if (cut.error) say(cut.error);
     $('count').textContent = cut.colours.length;
     $('which').textContent = cut.plain ? 'as found, boundaries refined on all faces' : 'boundaries refined on the shown mesh';
+    const held = document.activeElement;
     $('undo').disabled = !edits.length;
     $('redo').disabled = !undone.length;
+    // A disabled button hears no key.
+    if (held && held.disabled) $(held.id === 'undo' ? 'redo' : 'undo').focus();
+    $('slider').setAttribute('aria-valuetext', counted(cut.colours.length, 'part'));
     $('command').textContent = command();
   }
   function tell() {
