@@ -133,7 +133,7 @@
   $('edit').hidden = !model;
   $('save-labels').disabled = !data.whole;
   $('thinned').hidden = data.whole;
-  $('thinned').textContent = `The page shows ${count.toLocaleString('en')} triangles for the ${data.faces.toLocaleString('en')} faces of the ` +
+  $('thinned').textContent = `The page shows ${counted(count, 'triangle')} for the ${counted(data.faces, 'face')} of the ` +
     'mesh, so it cannot save labels. Save the edits: the command below gives the labels of all faces.';
   if (earlier) $('slider').hidden = true;
   tell();

@@ -90,7 +90,7 @@
     if (error) { say(error); return refresh(); }
     edits.push(made);
     undone = [];
-    say(`${edits.length} edit${edits.length > 1 ? 's' : ''}: ${edit.edit}`);
+    say(`${counted(edits.length, 'edit')}: ${edit.edit}`);
     alone = -1;
     hidden = new Set();
     update();

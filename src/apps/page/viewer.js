@@ -475,14 +475,14 @@
   }
   function tell() {
     const input = report.input || {};
-    $('facts').textContent = `${group(data.faces)} faces` + (count < data.faces ? `, shown with ${group(count)}` : '') +
-      (input.components > 1 ? `, ${group(input.components)} components` : '');
+    $('facts').textContent = counted(data.faces, 'face') + (count < data.faces ? `, shown with ${group(count)}` : '') +
+      (input.components > 1 ? `, ${counted(input.components, 'component')}` : '');
     const box = $('report').querySelector('div');
     const values = (report.eigenvalues || []).filter((x) => x > 0);
     if (values.length) {
       const top = values[0], bars = values.slice(0, 60), width = 100 / bars.length;
       const title = document.createElement('p');
-      title.textContent = `The ${bars.length} greatest eigenvalues (λ₁ = ${top.toPrecision(4)})`;
+      title.textContent = `The ${bars.length > 1 ? `${bars.length} greatest eigenvalues` : 'greatest eigenvalue'} (λ₁ = ${top.toPrecision(4)})`;
       const holder = document.createElement('div');
       holder.innerHTML = '<svg viewBox="0 0 100 30" preserveAspectRatio="none">' + bars.map((x, k) =>
         `<rect x="${k * width}" y="${30 - 30 * x / top}" width="${width * .8}" height="${30 * x / top}" fill="#0072b2"/>`).join('') + '</svg>';
