@@ -429,6 +429,13 @@ mod tests {
         assert_eq!(lower_half(&Square::zeros(9)).len(), 45);
     }
 
+    /// Regression: a wrong file was told to be no `struct PartTree`.
+    #[test]
+    fn what_a_hierarchy_holds_is_told() {
+        let told = checked(b"3", "tree.json".as_ref()).unwrap_err().to_string();
+        assert!(told.contains("expected an object with version, unions, level") && !told.contains("struct"), "{told}");
+    }
+
     #[test]
     fn a_matrix_that_is_not_there_is_not_made_room_for() {
         // Regression: n² numbers were allocated before their absence was noticed.

@@ -33,6 +33,7 @@ const VERSION: u32 = 1;
 /// assert_eq!(tree.cut_k(3).unwrap().label, [0, 0, 1, 2]);
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(expecting = "an object with version, unions, level, area, pairs, length and small_part")]
 pub struct PartTree {
     /// Version of this form.
     pub version: u32,
