@@ -398,7 +398,7 @@ impl Segmentation {
     fn save_page(&self, path: &Path, run: &crate::store::Run) -> Result<()> {
         use crate::apps::page::{CellModel, Cuts, Page};
         let parts = self.hierarchy.as_ref().map(|kept| kept.tree().first_cuts(cuts::MOST)).transpose()?;
-        let cuts = self.hierarchy.as_ref().zip(parts.as_ref()).filter(|_| !self.report.has_separate_label());
+        let cuts = self.hierarchy.as_ref().zip(parts.as_ref());
         let page = Page {
             title: &self.mesh.path().file_name().unwrap_or_default().to_string_lossy(),
             mesh: &self.mesh,

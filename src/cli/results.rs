@@ -11,7 +11,7 @@ use nystrom_stream::cluster::two_means;
 use nystrom_stream::mesh::Mesh;
 use nystrom_stream::mesh::ply::labelled::{Labelling, write_labelled_to};
 use nystrom_stream::pipeline::cuts::KeptCuts;
-use nystrom_stream::pipeline::{Cluster, SegmentParams, TinyComponents, Walls, cuts, embed};
+use nystrom_stream::pipeline::{Cluster, SegmentParams, cuts, embed};
 use nystrom_stream::spectral::EmbeddingParams;
 use nystrom_stream::store::{Context, MappedSlice, Run, WorkDir};
 use serde_json::Value;
@@ -116,9 +116,7 @@ impl Cut<'_> {
         let embedding = form.embedding_columns.then(|| embedding(params, faces, mesh, kept)).transpose()?;
         let embedding = embedding.as_ref().map(|(values, dimensions)| Coordinates { values, dimensions: *dimensions });
         let page = outputs.iter().any(Output::is_page);
-        // The page cuts and corrects parts alone: it would lose a label that is none of them.
-        let separate = params.tiny_components == TinyComponents::Own || params.walls == Walls::Own;
-        let of_parts = page && params.cluster == Cluster::Parts && !separate;
+        let of_parts = page && params.cluster == Cluster::Parts;
         let cuts = if of_parts { cuts::kept(params.exact_rows(), tree, work, context)? } else { None };
         let report = if page { report()? } else { Value::Null };
         let cuts = cuts.as_ref();

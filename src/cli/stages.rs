@@ -434,12 +434,15 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         if let Some(table) = table {
             table.give(&mut names, colours.len())?;
         }
-        let Labels { labels, quality, parts, edits, .. } = kept;
+        let Labels { labels, quality, parts, edits, tiny_components_label, walls_label, .. } = kept;
         let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &names };
         let agreement: Vec<f64> = parts.iter().filter_map(|part| part.expected_agreement).collect();
         let report = || {
             let input = json!({"path": record.mesh.to_string_lossy(), "faces": labels.len()});
-            Ok(json!({"input": input, "options": params, "parts": parts}))
+            Ok(json!({
+                "input": input, "options": params, "parts": parts,
+                "tiny_components_label": tiny_components_label, "walls_label": walls_label,
+            }))
         };
         let context = Context::new(&scratch, &run);
         let opened = opened_for(&outputs, args.mesh.as_deref(), &record, labels.len(), &work, context)?;

@@ -38,7 +38,7 @@ pub(super) const STAGE: &str = "labels";
 pub(super) const DECISION_VERSION: u32 = 31;
 /// Version of the algorithms behind labels: the sum of that of boundaries and colours, the first number, and those of
 /// all earlier stages. Labels of an older program are rejected when read.
-pub const LABELS_VERSION: u32 = 8
+pub const LABELS_VERSION: u32 = 9
     + DECISION_VERSION
     + GraphStage::VERSION
     + WeightsStage::VERSION
@@ -246,7 +246,7 @@ pub(super) fn label(
         graph: graph.facts.clone(),
         numbers,
     };
-    let facts = LabelFacts { parts: result.parts(), edits, corrected, decision };
+    let facts = LabelFacts { edits, corrected, decision, ..LabelFacts::of(&result) };
     let stage = stage_key(graph, params, context.run.seed);
     context.work.record_stage(stage, &[LABELS, QUALITY], &facts, 0.)?;
     Ok(result)
@@ -266,7 +266,9 @@ pub(super) fn keep_as(stage: Option<StageRecord>, result: &SegmentedMesh, work: 
     let Some(stage) = stage else { return Ok(()) };
     let before = serde_json::from_value::<LabelFacts>(stage.facts).unwrap_or_default();
     let key = StageKey { name: STAGE, version: LABELS_VERSION, key: stage.key, inputs: stage.inputs };
-    work.record_stage(key, &[LABELS, QUALITY], &LabelFacts { parts: result.parts(), ..before }, 0.)
+    let LabelFacts { edits, corrected, decision, .. } = before;
+    let facts = LabelFacts { edits, corrected, decision, ..LabelFacts::of(result) };
+    work.record_stage(key, &[LABELS, QUALITY], &facts, 0.)
 }
 
 /// The options used for the labels in `work`; `cluster` may have been run with others than those in the record.
@@ -289,6 +291,10 @@ pub struct Labels {
     /// Whether they differ from the cut that the options give on the kept hierarchy: they are corrected, or cut from
     /// another hierarchy.
     pub corrected: bool,
+    /// The common label of tiny components, if they do not join parts.
+    pub tiny_components_label: Option<u32>,
+    /// The common label of walls of cavities, if they do not follow the outside.
+    pub walls_label: Option<u32>,
 }
 
 /// What the manifest records of labels.
@@ -305,6 +311,18 @@ struct LabelFacts {
     /// [`PartMarks::decision`].
     #[serde(default)]
     pub decision: Option<String>,
+    /// [`SegmentStats::tiny_components_label`].
+    pub tiny_components_label: Option<u32>,
+    /// [`SegmentStats::walls_label`].
+    pub walls_label: Option<u32>,
+}
+
+impl LabelFacts {
+    /// Of labels that nobody has corrected.
+    fn of(result: &SegmentedMesh) -> Self {
+        let SegmentStats { tiny_components_label, walls_label, .. } = result.numbers;
+        Self { parts: result.parts(), tiny_components_label, walls_label, ..Self::default() }
+    }
 }
 
 /// The key of the decision from which the labels in `work` were cut, if recorded.
@@ -324,8 +342,10 @@ impl Labels {
         let labels = work.open_array::<u32>(LABELS)?;
         let labels = work.indices(LABELS, labels.len(), facts.parts.len())?;
         let quality = work.array_of(QUALITY, labels.len())?;
-        let edits = facts.edits.map(|text| Edits::of_text(text.as_bytes(), &work.place(MANIFEST))).transpose()?;
-        Ok(Self { labels, quality, parts: facts.parts, edits, corrected: facts.corrected })
+        let edits =
+            facts.edits.as_ref().map(|text| Edits::of_text(text.as_bytes(), &work.place(MANIFEST))).transpose()?;
+        let LabelFacts { parts, corrected, tiny_components_label, walls_label, .. } = facts;
+        Ok(Self { labels, quality, parts, edits, corrected, tiny_components_label, walls_label })
     }
 
     /// One colour per part.

@@ -209,11 +209,6 @@ impl Report {
         self.parts.iter().filter(|part| part.faces > 0).count()
     }
 
-    /// Whether a label is that of tiny components or walls, which are no part.
-    pub fn has_separate_label(&self) -> bool {
-        self.tiny_components_label.is_some() || self.walls_label.is_some()
-    }
-
     /// Labels of the parts that most people are expected not to have.
     pub fn unsure(&self) -> impl Iterator<Item = u32> + '_ {
         self.parts.iter().filter(|part| part.unsure == Some(true)).map(|part| part.label)

@@ -1,6 +1,7 @@
 //! Outputs in other programs' forms: read back here, and opened with the programs themselves where those are there.
 
 use crate::common::{self, errors, ok, refused, word};
+use crate::stages::tiny;
 use nystrom_stream::mesh::{self, Mesh};
 use nystrom_stream::store::Run;
 use std::collections::BTreeMap;
@@ -266,7 +267,7 @@ fn the_same_run_writes_the_same_bytes() {
 fn pages_have_cuts_from_every_command() {
     let dir = common::in_memory();
     let mesh = common::creature(dir.path(), 9_000, true);
-    let (work, page) = (dir.path().join("work"), dir.path().join("x.html"));
+    let (work, specks, page) = (dir.path().join("work"), dir.path().join("specks"), dir.path().join("x.html"));
     let cuts = || std::fs::read_to_string(&page).unwrap().contains("\"cuts\":{");
     common::segment(&mesh, &["-q", "-k", "4", "--work-dir", word(&work), "-o", word(&page)]);
     assert!(cuts());
@@ -277,15 +278,21 @@ fn pages_have_cuts_from_every_command() {
     assert!(cuts());
     run(&["export"]);
     assert!(cuts());
-    // Regression: after any edit, such pages gave a label that is no part to other parts, and saved that.
-    run(&["cluster", "-k", "5", "--tiny-components", "own"]);
-    assert!(!cuts());
-    run(&["export"]);
-    assert!(!cuts());
-    run(&["cluster", "-k", "5", "--tiny-components", "join"]);
+    // Here there is nothing that could have a label of its own.
+    run(&["cluster", "-k", "5", "--tiny-components", "own", "--walls", "own"]);
     assert!(cuts());
     run(&["cluster", "-k", "5", "--cluster", "kmeans"]);
     assert!(!cuts());
+    // Regression: after any edit, pages with a label that is no part gave it to other parts, and saved that.
+    let (mesh, _) = tiny(dir.path());
+    common::segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&specks), "-o", word(&page)]);
+    assert!(cuts());
+    for (words, expected) in [("own", false), ("join", true)] {
+        for words in [&["cluster", "--tiny-components", words][..], &["export"]] {
+            ok(&[words, &["-q", "--work-dir", word(&specks), "-o", word(&page)]].concat());
+            assert_eq!(cuts(), expected, "{words:?}");
+        }
+    }
 }
 
 #[test]

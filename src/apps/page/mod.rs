@@ -87,7 +87,8 @@ pub struct Page<'a> {
     pub colours: &'a [[u8; 3]],
     /// Name of each part, or none.
     pub names: &'a [String],
-    /// Other numbers of parts, if there is a merge tree.
+    /// Other numbers of parts, if there is a merge tree. Not used if the report says that tiny components or walls have
+    /// a label of their own: the page cuts and corrects parts alone, and would lose a label that is none of them.
     pub cuts: Option<Cuts<'a>>,
     /// The edits that produced the labels.
     pub edits: Option<&'a Edits>,
@@ -171,7 +172,8 @@ impl Page<'_> {
         // Edits from a file may be in other units. Those made on the page are saved after them, with the box of this
         // mesh.
         let edits = self.edits.map(|edits| edits.in_units_of(mesh, run)).transpose()?.map(|edits| self.started(edits));
-        let shown = &Page { mesh, edits: edits.as_ref(), ..*self };
+        let separate = ["tiny_components_label", "walls_label"].iter().any(|&name| self.report[name].is_number());
+        let shown = &Page { mesh, edits: edits.as_ref(), cuts: self.cuts.filter(|_| !separate), ..*self };
         let axes = picture::best_view(shown.mesh, Some(self.labels), self.colours.len(), run)?;
         let bytes = decimate::BYTES * shown.mesh.faces.triangle_count().min(TRIANGLES as u64);
         let _grant = run.budget.take("the page's mesh", bytes / 4, bytes)?;
