@@ -22,7 +22,7 @@ use nystrom_stream::mesh::UNLABELLED;
 use nystrom_stream::mesh::ply::labelled::colour_of;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::spectral::Kernel;
-use nystrom_stream::store::{Context, WorkDir, json, private_folder};
+use nystrom_stream::store::{Budget, Context, Run, WorkDir, json, private_folder};
 use nystrom_stream::{Error, LabelTransfer, Labelling, SamplingQuality, SaveOptions, Sequencer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -160,7 +160,7 @@ pub fn save(
 
 /// A picture: (height, width, 4) uint8.
 #[pyfunction]
-#[pyo3(signature = (mesh, labels, colours, names, width, height, views, transparent, legend, lines, up, turn, tilt))]
+#[pyo3(signature = (mesh, labels, colours, names, width, height, views, transparent, legend, lines, up, turn, tilt, max_memory))]
 pub fn picture<'py>(
     py: Python<'py>,
     mesh: &PyMesh,
@@ -176,6 +176,7 @@ pub fn picture<'py>(
     up: Option<&str>,
     turn: f64,
     tilt: f64,
+    max_memory: Option<u64>,
 ) -> PyResult<Bound<'py, PyArray3<u8>>> {
     let up = up.map(|up| up.parse().map_err(PyValueError::new_err)).transpose()?;
     let params = PictureParams::default().width(width).height(height).views(views).transparent(transparent);
@@ -183,6 +184,8 @@ pub fn picture<'py>(
     let (labels, colours) = (labels.map(|labels| labels.as_array().to_vec()), self::colours(&colours)?);
     let mesh = mesh.current()?;
     let image = run(py, |run| {
+        let budget = max_memory.map_or(run.budget.clone(), Budget::new);
+        let run = &Run { budget, cancel: run.cancel.clone(), ..*run };
         let work = WorkDir::in_memory(&std::env::temp_dir(), &run.budget);
         render_named(mesh, labels.as_deref(), (&colours, &names), &params, Context::new(&work, run))
     })?;

@@ -144,6 +144,9 @@ def test_copies_and_pickles_are_edited_with_the_work_dir(tmp_path):
         edited = pickle.loads(pickled).edit(split)
         assert "rows" in edited.report["seconds"] and (edited.labels == labels).all()
         path.unlink(missing_ok=True)
+    # Regression: a pipe in the place of the file was waited for.
+    os.mkfifo(path)
+    assert (pickle.loads(pickled).labels == cut.labels).all()
     vertices, faces = dumbbell(20)
     arrays = nystrom_stream.segment(vertices, faces, 3, work_dir=tmp_path / "arrays")
     edited = pickle.loads(pickle.dumps(arrays)).edit(split)

@@ -138,6 +138,9 @@ def test_names_are_looked_at_before_the_mesh_is_cut(mesh, tmp_path):
                          ({-1: "a"}, ValueError), ({"a": "b"}, TypeError), ({3: "a"}, ValueError), (table, ValueError)]:
         with pytest.raises(wrong, match="names|none.tsv"):
             nystrom_stream.segment(*mesh, 3, names=names, progress=never)
+    # Regression: a set gave its names in an order that changed from run to run.
+    with pytest.raises(TypeError, match="names: a set has no order"):
+        nystrom_stream.segment(*mesh, 3, names={"a", "b"}, progress=never)
     # Hints may leave another number of parts.
     hints = np.zeros(len(mesh[1]), int)
     with pytest.raises(ValueError, match="names: there is no part 9; the 3 parts"):
@@ -249,6 +252,18 @@ def test_masks_are_heeded(mesh, cut):
     for truths in (labels, [labels], np.ma.stack([labels, labels])):
         with pytest.raises(ValueError, match="truths: some values are masked"):
             nystrom_stream.evaluate(cut, truths)
+
+
+def test_tables_of_nullable_types_are_taken(mesh):
+    # Regression: they were not arrays of numbers.
+    pandas = pytest.importorskip("pandas")
+    vertices, faces = (pandas.DataFrame(table) for table in mesh)
+    expected = nystrom_stream.segment(*mesh, 3).labels
+    assert (nystrom_stream.segment(vertices.astype("Float64"), faces.astype("Int64"), 3).labels == expected).all()
+    vertices = vertices.astype("Float64")
+    vertices.iloc[0, 0] = pandas.NA
+    with pytest.raises(TypeError, match="vertices: not an array of numbers"):
+        nystrom_stream.segment(vertices, faces, 3)
 
 
 def test_integers_of_several_types_are_faces(mesh):
@@ -394,6 +409,13 @@ def test_polygons_become_triangles_that_do_not_leave_them(tmp_path):
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
     assert len(triangles) == 4 and area == pytest.approx(5)
+
+
+def test_pictures_keep_to_their_memory(cut):
+    # Regression: the error named `max_memory`, which pictures did not take.
+    assert cut.picture(size=(64, 48), max_memory="1GiB").shape == (48, 64, 4)
+    with pytest.raises(MemoryError, match="max_memory"):
+        cut.picture(size=(4096, 4096), max_memory="1MiB")
 
 
 def test_pictures_have_the_names_of_parts(tmp_path):

@@ -351,6 +351,9 @@ def test_open3d_meshes(mesh):
     assert (nystrom_stream.segment(plain, parts=3).labels == expected).all()
     tensor = open3d.t.geometry.TriangleMesh.from_legacy(plain)
     assert len(nystrom_stream.segment(tensor, parts=3).labels) == len(faces)
+    # Regression: a KeyError.
+    with pytest.raises(ValueError, match="mesh: without vertices or triangles"):
+        nystrom_stream.segment(open3d.t.geometry.TriangleMesh())
 
 
 def test_results_know_what_people_ask_of_them(mesh, tmp_path):

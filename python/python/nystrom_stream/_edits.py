@@ -85,6 +85,8 @@ def read_names(names: Any, parts: Optional[int] = None) -> Union[dict[int, str],
         # By part: it adds to the names that edits gave, as with the program.
         names = {part: name for part, name in enumerate(_native.read_names(as_path("names", names))) if name}
     by_part = hasattr(names, "keys")
+    if isinstance(names, (set, frozenset)):
+        raise TypeError("names: a set has no order; give a list, or a dict by part")
     if not by_part and not hasattr(names, "__iter__"):
         raise TypeError(f"names: {names!r}; give a list, a dict by part, or the path of a table")
     told = {whole("names", part): name for part, name in (dict(names).items() if by_part else enumerate(names))}

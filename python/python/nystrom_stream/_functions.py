@@ -348,21 +348,22 @@ def _numbered(labels: NDArray[np.uint32], names: Optional[Names]) -> tuple[NDArr
 
 def picture(mesh: MeshLike, labels: Optional[Labels] = None, *, colours: Optional[ArrayLike] = None, names: Optional[Names] = None,
             size: tuple[int, int] = (1600, 1200), views: int = 1, transparent: bool = False, legend: bool = True, lines: bool = True,
-            up: Optional[Axis] = None, turn: float = 0.0, tilt: float = 0.0) -> NDArray[np.uint8]:
+            up: Optional[Axis] = None, turn: float = 0.0, tilt: float = 0.0, max_memory: Bytes = None) -> NDArray[np.uint8]:
     """Draws a mesh and its parts, without a display: (height, width, 4) uint8, red, green, blue, opacity.
 
     mesh: a Segmentation, or a mesh, with `labels` or without.
     labels: (faces,) integers, or a file of them as of `evaluate`; a face whose label is negative or 2**32 - 1 is grey.
     colours: (parts, 3), whole numbers from 0 to 255 or real ones from 0 to 1. names: of the parts, for the legend; by
     default those of the Segmentation. up: "x", "-y" and so on; by default automatic.
-    turn, tilt: additional rotation and elevation in degrees, relative to the automatic view.
+    turn, tilt: additional rotation and elevation in degrees, relative to the automatic view. max_memory: as of `segment`.
 
     `PIL.Image.fromarray(image).save("parts.png")` or `matplotlib.pyplot.imsave("parts.png", image)` writes it to a file.
     """
     if labels is None and isinstance(mesh, (Segmentation, Transfer)):
         labels, colours = mesh.labels, mesh._colours if colours is None else colours
         names = mesh.names if names is None else names
-    mesh = as_mesh(mesh)
+    run = run_options(None, max_memory, None, None)
+    mesh = as_mesh(mesh, None, run)
     if labels is not None:
         labels = as_labels(labels, mesh.faces, partial=True)
         if colours is None and not number_parts(labels):
@@ -376,7 +377,7 @@ def picture(mesh: MeshLike, labels: Optional[Labels] = None, *, colours: Optiona
     if up is not None:
         _choose("up", up, Axis)
     return _native.picture(mesh, labels, colours, told, width, height, whole("views", views, 1), flag("transparent", transparent),
-                           flag("legend", legend), flag("lines", lines), up, real("turn", turn), real("tilt", tilt))
+                           flag("legend", legend), flag("lines", lines), up, real("turn", turn), real("tilt", tilt), run[1])
 
 
 def sequence(mesh: MeshLike, faces: Any = None, *, order: StreamOrder = "spectral", smooth: int = 0, landmarks: Optional[int] = None,

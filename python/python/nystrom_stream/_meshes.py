@@ -116,6 +116,9 @@ def listed(name: str, values: Any) -> NDArray[Any]:
         # `numpy.asarray` would drop the masks of rows.
         has_masks = isinstance(values, (list, tuple)) and any(isinstance(row, np.ma.MaskedArray) for row in values)
         table = np.ma.stack(values) if has_masks else values if isinstance(values, np.ma.MaskedArray) else np.asarray(values)
+        if table.dtype == object and hasattr(values, "to_numpy"):
+            # Tables of pandas whose types have missing values are objects, also where nothing is missing.
+            table = np.asarray(table.tolist())
     except ValueError as error:
         raise ValueError(f"{name}: rows differ in length") from error
     plain: NDArray[Any] = unmasked(name, table)
@@ -250,6 +253,8 @@ def as_mesh(mesh: MeshLike, faces: Any = None, run: Run = DEFAULT) -> _native.Me
     if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):
         return from_arrays(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
     if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):
+        if "positions" not in mesh.vertex or "indices" not in mesh.triangle:
+            raise ValueError("mesh: without vertices or triangles")
         return from_arrays(mesh.vertex.positions.cpu().numpy(), mesh.triangle.indices.cpu().numpy())
     if hasattr(mesh, "points") and hasattr(mesh, "celltypes"):
         # VTK's numbers of a triangle, a polygon and a quad.
@@ -356,7 +361,8 @@ def _unpickled(vertices: NDArray[Any], starts: Optional[NDArray[np.uint64]], cor
                file: Optional[tuple[Any, ...]]) -> _native.Mesh:
     """The file's mesh where that is as it was, since a work directory knows a mesh by its file; else the same of arrays: of faces with
     as many corners each, or of those between `starts`."""
-    if file is not None:
+    # A pipe in its place would be waited for.
+    if file is not None and os.path.isfile(file[0]):
         try:
             mesh = _native.Mesh.open(file[0], *DEFAULT)
             if mesh.file == file:
