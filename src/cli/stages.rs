@@ -446,8 +446,10 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         };
         let context = Context::new(&scratch, &run);
         let opened = opened_for(&outputs, args.mesh.as_deref(), &record, labels.len(), &work, context)?;
-        let (params, agreement, edits) = (&params, &agreement[..], edits.as_ref());
-        let cut = Cut { labelling, params, tree: None, agreement, cell_labels: &[], edits, work: &work };
+        // An embedding that is there was asked for, even if the labels are of another one.
+        let columns = embed::kept(&work).map(|kept| kept.params).or(params.embedding);
+        let (of_cut, agreement, edits) = (&params.clone().embedding(columns), &agreement[..], edits.as_ref());
+        let cut = Cut { labelling, params: of_cut, tree: None, agreement, cell_labels: &[], edits, work: &work };
         cut.write(&outputs, args.form, opened.as_ref(), report, context)?;
     }
     Ok(())

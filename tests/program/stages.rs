@@ -251,6 +251,11 @@ fn k_means_has_columns_of_its_embedding_without_a_work_directory_too() {
     stage(&["embed", "-q", "-d", "4", "--kernel", "cauchy"], kept);
     stage(&["export", "-q", "--embedding-columns", "-o", word(&table)], kept);
     assert!(of_cauchy == std::fs::read(&table).unwrap());
+    // Regression: `export` replaced an embedding with other options by that of the labels, under a lock for readers.
+    stage(&["embed", "-q", "-d", "3"], kept);
+    let embedded = std::fs::read(kept.join("embedding.npy")).unwrap();
+    stage(&["export", "-q", "--embedding-columns", "-o", word(&table)], kept);
+    assert!(std::fs::read(kept.join("embedding.npy")).unwrap() == embedded);
 }
 
 /// A decision that a refused edit had left was told beside labels of the one before.
