@@ -129,11 +129,11 @@ pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
 }
 
 /// `pattern`, whose name need not be UTF-8, with `stem` in place of each `{}`.
-fn filled(pattern: &Path, stem: &str) -> PathBuf {
+fn filled(pattern: &Path, stem: &[u8]) -> PathBuf {
     let (mut name, mut rest) = (Vec::new(), pattern.as_os_str().as_bytes());
     while let Some(at) = rest.windows(2).position(|pair| pair == b"{}") {
         name.extend_from_slice(&rest[..at]);
-        name.extend_from_slice(stem.as_bytes());
+        name.extend_from_slice(stem);
         rest = &rest[at + 2..];
     }
     name.extend_from_slice(rest);
@@ -145,13 +145,13 @@ fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError
     let mut owner: BTreeMap<PathBuf, PathBuf> = BTreeMap::new();
     let mut jobs = Vec::with_capacity(meshes.len());
     for mesh in meshes {
-        let stem = Output::stem(&mesh);
         if mesh.as_os_str() == "-" && patterns.iter().any(|pattern| pattern.to_string_lossy().contains("{}")) {
             return Err(CliError::Usage("-o: standard input has no name to replace {}; write a name".into()));
         }
         let itself = mesh.canonicalize().ok();
-        let fill = |pattern: &PathBuf| Output::of(&filled(pattern, &stem));
-        let job = Job::of(mesh, patterns.iter().map(fill).collect::<Result<_, _>>()?);
+        let fill = |pattern: &PathBuf| Output::of(&filled(pattern, Output::stem(&mesh)));
+        let outputs = patterns.iter().map(fill).collect::<Result<_, _>>()?;
+        let job = Job::of(mesh, outputs);
         for path in job.outputs.iter().filter_map(Output::path) {
             if itself.is_some() && path.canonicalize().ok() == itself {
                 return Err(CliError::Usage(format!("-o: {} is the mesh itself; choose another file", path.display())));

@@ -14,7 +14,8 @@ use nystrom_stream::mesh::{Document, Mesh, ends_with};
 use nystrom_stream::store::Budget;
 use serde_json::{Value, json};
 use std::collections::HashSet;
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -218,17 +219,22 @@ impl Output {
         Self { form: Form::Ply, target: STDOUT.into() }
     }
 
-    /// The name of `mesh` without folder and extension.
-    pub fn stem(mesh: &Path) -> String {
-        let name = mesh.file_name().unwrap_or_default().to_string_lossy();
+    /// The name of `mesh` without folder and extension; it need not be UTF-8.
+    pub fn stem(mesh: &Path) -> &[u8] {
+        let name = mesh.file_name().unwrap_or_default().as_bytes();
         let lower = name.to_ascii_lowercase();
-        let extension = MESH_EXTENSIONS.into_iter().find(|extension| lower.ends_with(extension)).unwrap_or("");
-        name[..name.len() - extension.len()].to_string()
+        let extension = MESH_EXTENSIONS.into_iter().find(|extension| lower.ends_with(extension.as_bytes()));
+        &name[..name.len() - extension.map_or(0, str::len)]
+    }
+
+    /// `mesh` with `ending` in place of its extension.
+    pub fn beside(mesh: &Path, ending: &str) -> PathBuf {
+        mesh.with_file_name(OsString::from_vec([Self::stem(mesh), ending.as_bytes()].concat()))
     }
 
     /// `MESH.segmented.ply` beside `mesh`.
-    pub fn beside(mesh: &Path) -> Self {
-        Self { form: Form::Ply, target: mesh.with_file_name(format!("{}.segmented.ply", Self::stem(mesh))) }
+    pub fn segmented(mesh: &Path) -> Self {
+        Self { form: Form::Ply, target: Self::beside(mesh, ".segmented.ply") }
     }
 
     /// Its format.

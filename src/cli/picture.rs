@@ -85,7 +85,7 @@ impl PictureArgs {
             Some(path) if ends_with(path, "png") => Ok(path.clone()),
             Some(path) => Err(CliError::Usage(format!("-o {}: pictures are PNG files; use .png", path.display()))),
             None if stdin => Err(CliError::Usage("-o: standard input has no name; give -o OUT.png".into())),
-            None => Ok(self.mesh.with_file_name(format!("{}.png", Output::stem(&self.mesh)))),
+            None => Ok(Output::beside(&self.mesh, ".png")),
         }
     }
 }

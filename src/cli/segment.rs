@@ -102,7 +102,7 @@ impl Job {
     /// input.
     pub fn of(mesh: PathBuf, mut outputs: Vec<Output>) -> Self {
         if outputs.is_empty() {
-            outputs.push(if mesh.as_os_str() == "-" { Output::stdout() } else { Output::beside(&mesh) });
+            outputs.push(if mesh.as_os_str() == "-" { Output::stdout() } else { Output::segmented(&mesh) });
         }
         Self { mesh, outputs }
     }

@@ -3,7 +3,7 @@
 use super::choices::choice;
 use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs};
-use super::output::{JsonArgs, check_picture};
+use super::output::{JsonArgs, Output, check_picture};
 use super::sink::{check_is_no_stream, check_places, folder_of, print};
 use nystrom_stream::apps::picture::{NO_PICTURE, PictureParams, render_named};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
@@ -108,7 +108,7 @@ fn check(args: &SequenceArgs) -> Result<Vec<Target>, CliError> {
     let mut targets = args.output.iter().map(|path| Target::of(path)).collect::<Result<Vec<_>, _>>()?;
     let stdin = args.mesh.as_os_str() == "-";
     if targets.is_empty() && !args.compare {
-        targets.push(if stdin { Target::Stdout } else { Target::Ply(beside(&args.mesh)) });
+        targets.push(if stdin { Target::Stdout } else { Target::Ply(Output::beside(&args.mesh, ".sequenced.ply")) });
     }
     let mesh = targets.iter().any(|target| matches!(target, Target::Stdout));
     if mesh && args.compare {
@@ -123,11 +123,6 @@ fn check(args: &SequenceArgs) -> Result<Vec<Target>, CliError> {
         return misused(&format!("{option} requires a .ply output"));
     }
     Ok(targets)
-}
-
-/// `MESH.sequenced.ply` beside `mesh`.
-fn beside(mesh: &Path) -> PathBuf {
-    mesh.with_file_name(format!("{}.sequenced.ply", super::output::Output::stem(mesh)))
 }
 
 pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {

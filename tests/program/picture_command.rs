@@ -2,6 +2,8 @@
 
 use crate::common::{errors, in_memory, ok, program, run, word, zoo};
 use nystrom_stream::apps::colours::palette;
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 
 /// A tetrahedron with labels and colours on its faces.
@@ -40,6 +42,25 @@ fn labelled_meshes_become_pictures() {
     assert_eq!(facts(&out), (64, 64, 3));
     // Nothing temporary stays behind.
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 4);
+}
+
+/// Regression: bytes that are no UTF-8 were replaced in names of outputs, so that two meshes had the same one.
+#[test]
+fn outputs_beside_a_mesh_keep_the_bytes_of_its_name() {
+    let dir = in_memory();
+    let named = |name: &[u8]| dir.path().join(OsStr::from_bytes(name));
+    for name in [&b"\xfe"[..], b"\xff"] {
+        let mesh = named(&[name, b".PLY"].concat());
+        labelled(&mesh);
+        for command in ["picture", "sequence", "segment"] {
+            let output = program().arg(command).arg(&mesh).arg("-q").output().unwrap();
+            assert!(output.status.success(), "{command}: {}", errors(&output));
+        }
+        for ending in [&b".png"[..], b".sequenced.ply", b".segmented.ply"] {
+            assert!(named(&[name, ending].concat()).exists());
+        }
+    }
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 8);
 }
 
 #[test]
