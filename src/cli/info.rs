@@ -178,6 +178,7 @@ fn measured(m: &MeshMeasures) -> String {
     rows.push(("non-manifold", counted(m.nonmanifold_edges as usize, "edge")));
     rows.push(("degenerate", counted(m.degenerate_faces as usize, "face")));
     let odd = [
+        (m.nonfinite_faces, "non-finite", "faces whose coordinates are not finite numbers, among the degenerate ones"),
         (m.welded_edges, "welded", "edges at the same position as another, as at texture seams"),
         (m.unoriented_edges, "unoriented", "edges without a consistent winding"),
         (m.stray_vertices, "strays", "vertices far outside the rest"),

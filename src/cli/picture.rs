@@ -5,7 +5,7 @@ use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs,
 use super::output::{Output, check_extensions};
 use super::sink::{check_is_no_stream, check_places, folder_of};
 use nystrom_stream::apps::labelled_faces::LabelledFaces;
-use nystrom_stream::apps::picture::{PictureParams, Up, render_named};
+use nystrom_stream::apps::picture::{PictureParams, Up, render_named, undrawn};
 use nystrom_stream::base::Result;
 use nystrom_stream::mesh::{Mesh, ends_with};
 use nystrom_stream::store::{Context, WorkDir};
@@ -113,6 +113,12 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     let names = labelled.map_or_else(Vec::new, |labelled| labelled.names);
     let draw = || render_named(&opened, labels.as_deref(), (&colours, &names), &params, Context::new(&work, &run));
     let (image, _) = run.stage("draw", "faces", (faces * params.views) as u64, draw)?;
+    let undrawn = undrawn(&opened, &run)?;
+    if undrawn > 0 {
+        let verb = if undrawn == 1 { "face has a corner" } else { "faces have corners" };
+        let why = "whose coordinates are not finite numbers, and cannot be drawn";
+        run.progress.note(&format!("{}: {undrawn} {verb} {why}", opened.path().display()));
+    }
     run.stage("write", "pixels", (image.width * image.height) as u64, || image.write_png(&target))?;
     Ok(())
 }

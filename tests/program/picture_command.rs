@@ -170,6 +170,17 @@ fn a_mesh_without_a_place_in_space_is_the_files_fault() {
     }
 }
 
+/// Regression: only `segment` told of faces that have no place.
+#[test]
+fn faces_without_a_place_are_noted() {
+    let dir = in_memory();
+    let mesh = zoo::all().into_iter().find(|shape| shape.name == "nan_vertex").unwrap().write(dir.path());
+    let output = ok(&["picture", word(&mesh), "--size", "64x64", "-o", word(&dir.path().join("o.png"))]);
+    assert!(errors(&output).contains("faces have corners whose coordinates are not finite"), "{}", errors(&output));
+    let text = String::from_utf8(ok(&["info", word(&mesh)]).stdout).unwrap();
+    assert!(text.contains("faces whose coordinates are not finite numbers"), "{text}");
+}
+
 /// Pictures were blank, or squares of lengths overflowed, and areas in tables were not finite or 0.
 #[test]
 fn meshes_of_any_size_are_drawn_and_measured() {

@@ -58,6 +58,8 @@ pub struct MeshMeasures {
     pub nonmanifold_edges: u64,
     /// Faces without area or with a non-finite coordinate.
     pub degenerate_faces: u64,
+    /// Those among them with a non-finite coordinate.
+    pub nonfinite_faces: u64,
     /// Faces that lie exactly where an earlier face lies; nothing else counts them.
     pub duplicate_faces: u64,
     /// Open edges that lie at exactly the same position as another: texture seams, unwelded vertices.
@@ -245,6 +247,7 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
         components,
         nonmanifold_edges,
         degenerate_faces,
+        nonfinite_faces,
         duplicate_faces,
         welded_edges,
         unoriented_edges,
@@ -259,6 +262,7 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
         boundary_loops,
         nonmanifold_edges,
         degenerate_faces,
+        nonfinite_faces,
         duplicate_faces,
         welded_edges,
         stray_vertices: mesh.strays() as u64,
@@ -353,6 +357,10 @@ mod tests {
         let all = with(|context| mesh(&Mesh::from_slices(&points, &quads).unwrap(), context)).unwrap();
         assert_eq!((all.degenerate_faces, all.all.open_edges, all.all.volume), (3, 0, None), "{all:?}");
         assert!((all.all.area - 3.).abs() < 1e-12, "{all:?}");
+        // Regression: a mesh without any place enclosed a volume of 0.
+        points.fill([f64::NAN; 3]);
+        let all = with(|context| mesh(&Mesh::from_slices(&points, &quads).unwrap(), context)).unwrap();
+        assert_eq!((all.nonfinite_faces, all.all.volume, all.all.bounds), (6, None, None), "{all:?}");
     }
 
     #[test]

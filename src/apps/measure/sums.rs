@@ -128,13 +128,15 @@ impl Sums {
             (values, axes) = principal_axes(moments);
             spread = values.map(|value| unit.back(value.max(0.).sqrt(), 1));
         }
-        let closed = self.open == 0 && self.clashes == 0 && self.borders.is_empty() && self.faces > 0;
+        // A part of which no face has a place encloses nothing.
+        let bounded = self.low[0] <= self.high[0];
+        let closed = self.open == 0 && self.clashes == 0 && self.borders.is_empty() && bounded;
         let back = |p: [f64; 3]| [0, 1, 2].map(|axis| unit.back(p[axis], 1) + unit.origin[axis]);
         Measures {
             faces: self.faces,
             area: unit.back(self.area, 2),
             volume: closed.then(|| unit.back(self.volume, 3)),
-            bounds: (self.low[0] <= self.high[0]).then(|| [back(self.low), back(self.high)]),
+            bounds: bounded.then(|| [back(self.low), back(self.high)]),
             centroid: back(mean),
             axes,
             spread,

@@ -16,6 +16,7 @@ mod viewpoint;
 
 pub use sheet::{PictureParams, Up};
 
+use crate::base::vector::finite;
 use crate::base::{Error, Result};
 use crate::graph;
 use crate::mesh::Mesh;
@@ -32,6 +33,8 @@ use vertex_normals::VertexNormals;
 const SMOOTH: usize = 3_000_000;
 /// Maximum number of parts distinguished when choosing the view and in the legend.
 const MOST_DISTINCT: usize = 4096;
+/// Faces per task where they are counted.
+const CHUNK: usize = 1 << 16;
 
 /// Draws `mesh` with its parts in the colours of their labels (grey beyond the last colour), or in a single colour
 /// without labels.
@@ -110,6 +113,20 @@ pub fn render_named(
         legend.draw(&mut image);
     }
     Ok(image)
+}
+
+/// The number of faces that a picture lacks wholly or in part: those with a corner whose coordinates are not finite.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn undrawn(mesh: &Mesh, run: &Run) -> Result<u64> {
+    let count = |range| {
+        let mut count = 0;
+        let is_placed = |v: &u32| finite(mesh.positions.get(*v));
+        mesh.faces.for_each(range, |_, corners| count += u64::from(!corners.iter().all(is_placed)));
+        Ok(count)
+    };
+    Ok(run.map_ranges(mesh.faces.len(), CHUNK, count)?.into_iter().sum())
 }
 
 /// What helps, besides more memory, where a picture is too large but its size cannot be chosen.
