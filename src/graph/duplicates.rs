@@ -95,8 +95,8 @@ pub(super) fn with_duplicates(mesh: &Mesh, evidence: Evidence<'_>, context: Cont
     }
     let Context { work, run } = context;
     let (n, threads) = (mesh.faces.len(), run.threads as u64);
-    let file = work.file("face_places.tmp");
-    let places = BudgetedShuffle::<[u32; 5]>::new(&file, "comparing faces", n as u64, 6 * threads, 3, run)?;
+    let file = work.spill("face_places.tmp");
+    let places = BudgetedShuffle::<[u32; 5]>::new(file, "comparing faces", n as u64, 6 * threads, 3, run)?;
     let buckets = places.shuffle.buckets() as u64;
     run.each_chunk(
         chunk_count(n, CHUNK),
@@ -113,8 +113,8 @@ pub(super) fn with_duplicates(mesh: &Mesh, evidence: Evidence<'_>, context: Cont
         },
         Producer::finish,
     )?;
-    let file = work.file("duplicate_faces.tmp");
-    let found = BudgetedShuffle::<[u32; 2]>::new(&file, "comparing faces", n as u64, 6 * threads, 2, run)?;
+    let file = work.spill("duplicate_faces.tmp");
+    let found = BudgetedShuffle::<[u32; 2]>::new(file, "comparing faces", n as u64, 6 * threads, 2, run)?;
     let (by_face, mut out) = (RangeBuckets::new(n, found.shuffle.buckets()), found.shuffle.producer());
     let (mut corners, mut of_component) = (0, vec![0u32; evidence.table().map_or(0, ComponentTable::count)]);
     places.shuffle.sorted(run, |records| {

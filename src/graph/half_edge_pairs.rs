@@ -171,8 +171,8 @@ impl<'a> HalfEdgePairs<'a> {
             let left = context.run.budget.left();
             let needs = WithinNeeds::new(count, of_block, blocks.shared_half_edges(), threads, left);
             let grant = context.run.budget.take("matching edges", needs.fixed, needs.granted)?;
-            let file = context.work.file("links.tmp");
-            let between = Shuffle::new(&file, blocks.len(), needs.block as usize, grant.bytes() - needs.fixed);
+            let file = context.work.spill("links.tmp");
+            let between = Shuffle::new(file, blocks.len(), needs.block as usize, grant.bytes() - needs.fixed);
             let size = blocks.nodes_of(0).len();
             let nonmanifold = NonmanifoldEdges::default();
             let kind = Kind::Within { between, corners, nonmanifold, blocks: None, size, _grant: grant };
@@ -181,7 +181,7 @@ impl<'a> HalfEdgePairs<'a> {
         // A bucket also waits in the form of finished rows.
         let copies = 12 * threads;
         let sized = BudgetedShuffle::<HalfEdgePair>::new(
-            &context.work.file("links.tmp"),
+            context.work.spill("links.tmp"),
             "matching edges",
             corners as u64,
             copies,

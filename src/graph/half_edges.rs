@@ -78,13 +78,13 @@ pub(super) fn matched<'a>(
     let (nodes, corners) = (mesh.faces.len(), mesh.faces.corner_count() as u64);
     check_size(nodes as u64, corners, path)?;
     let threads = context.run.threads as u64;
-    let (file, what) = (|name| context.work.file(name), "matching edges");
+    let (file, what) = (|name| context.work.spill(name), "matching edges");
     // A bucket of half-edges takes memory unsorted, sorted, and as counts.
     let records = blocks.as_ref().map_or(corners, |blocks| blocks.shared_half_edges().min(corners));
-    let sized = BudgetedShuffle::<HalfEdge>::new(&file("half_edges.tmp"), what, records, 3 * threads, 3, context.run)?;
+    let sized = BudgetedShuffle::<HalfEdge>::new(file("half_edges.tmp"), what, records, 3 * threads, 3, context.run)?;
     let half_edges = &sized.shuffle;
     let mut pairs = HalfEdgePairs::new(mesh, blocks.as_ref(), context)?;
-    let border = BudgetedShuffle::<u32>::new(&file("boundary.tmp"), what, corners, threads, 4, context.run)?;
+    let border = BudgetedShuffle::<u32>::new(file("boundary.tmp"), what, corners, threads, 4, context.run)?;
     let boundary = &border.shuffle;
     let matching = Matching {
         mesh,
@@ -276,7 +276,7 @@ fn weld(
 ) -> Result<u64> {
     let copies = 2 * context.run.threads as u64;
     let sized = BudgetedShuffle::<OpenHalfEdge>::new(
-        &context.work.file("places.tmp"),
+        context.work.spill("places.tmp"),
         "welding",
         boundary.len(),
         copies,

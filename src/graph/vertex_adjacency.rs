@@ -32,11 +32,11 @@ impl VertexAdjacency {
     pub fn build(mesh: &Mesh, context: Context<'_>) -> Result<Self> {
         let (n, faces, corners) = (mesh.positions.len(), mesh.faces.len(), mesh.faces.corner_count() as u64);
         let copies = 8 * context.run.threads as u64;
-        let path = context.work.file("side_links.tmp");
+        let file = context.work.spill("side_links.tmp");
         // The result for a bucket has an entry for each of its vertices, which may outnumber its sides.
         let records = (2 * corners).max(n as u64);
         let what = "the graph of vertices";
-        let sized = BudgetedShuffle::<[u32; 2]>::new(&path, what, records, copies, 1, context.run)?;
+        let sized = BudgetedShuffle::<[u32; 2]>::new(file, what, records, copies, 1, context.run)?;
         let shuffle = &sized.shuffle;
         let buckets = shuffle.buckets();
         let by_vertex = RangeBuckets::new(n, buckets);

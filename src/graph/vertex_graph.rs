@@ -126,7 +126,7 @@ impl VertexGraph {
         let frame = Frame::of(mesh, context.run)?;
         let records = 3 * mesh.faces.triangle_count();
         let sized = BudgetedShuffle::<Corner>::new(
-            &context.work.file("corners.tmp"),
+            context.work.spill("corners.tmp"),
             "the vertex graph",
             // The result for a bucket has a node for each of its vertices, which may outnumber its corners.
             records.max(n as u64),
@@ -381,7 +381,7 @@ struct DuplicateVertices {
 impl DuplicateVertices {
     /// For up to `n` vertices.
     fn new(n: usize, context: Context<'_>) -> Result<Self> {
-        let sized = BudgetedShuffle::new(&context.work.file("seams.tmp"), "seams", n as u64, 2, 4, context.run)?;
+        let sized = BudgetedShuffle::new(context.work.spill("seams.tmp"), "seams", n as u64, 2, 4, context.run)?;
         Ok(Self { sized, staged: Vec::new() })
     }
 

@@ -22,7 +22,7 @@ use std::fs::{File, Permissions};
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// The lock file.
 pub(super) const LOCK: &str = "lock";
@@ -171,6 +171,11 @@ impl WorkFolder {
         }
     }
 
+    /// The file `name` in it.
+    pub fn file(self: &Arc<Self>, name: &'static str) -> DeferredFile {
+        DeferredFile { folder: self.clone(), name }
+    }
+
     /// Its path if it exists, else that of the parent.
     pub fn place(&self) -> &Path {
         self.existing().unwrap_or(&self.parent)
@@ -199,6 +204,23 @@ impl WorkFolder {
     /// Removes what was created when it was opened if nothing has been written to it.
     pub fn remove_unused(&self) {
         self.folder.get().into_iter().for_each(Folder::remove_unused);
+    }
+}
+
+/// A file in a work directory, whose folder need not exist before the file.
+#[derive(Debug)]
+pub struct DeferredFile {
+    folder: Arc<WorkFolder>,
+    name: &'static str,
+}
+
+impl DeferredFile {
+    /// Its path; the folder is created now if that was deferred.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where the folder could not be made.
+    pub(super) fn path(&self) -> Result<PathBuf> {
+        Ok(self.folder.for_new()?.join(self.name))
     }
 }
 

@@ -15,6 +15,7 @@
 
 use super::Run;
 use super::budget::Grant;
+pub use super::folder::DeferredFile;
 use super::new_file;
 use crate::base::parallel::lock;
 use crate::base::sort::lexicographic;
@@ -22,7 +23,7 @@ use crate::base::{Error, Result};
 use bytemuck::Pod;
 use std::fs::File;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock};
 
@@ -38,8 +39,9 @@ const LEAST_BLOCK: u64 = 256;
 /// Records of type `T` on their way into buckets.
 #[derive(Debug)]
 pub struct Shuffle<T> {
-    path: PathBuf,
-    file: OnceLock<File>,
+    place: DeferredFile,
+    /// The spill file and its path.
+    file: OnceLock<(PathBuf, File)>,
     end: AtomicU64,
     buckets: Vec<Mutex<Bucket<T>>>,
     held: AtomicU64,
@@ -86,11 +88,11 @@ pub struct Producer<'a, T: Pod> {
 
 impl<T: Pod + Send> Shuffle<T> {
     /// A shuffle into `buckets` buckets, with staging blocks of `block` bytes, that keeps up to `limit` bytes in memory
-    /// and writes the rest to `path`.
-    pub fn new(path: &Path, buckets: usize, block: usize, limit: u64) -> Self {
+    /// and writes the rest to the file `place`.
+    pub fn new(place: DeferredFile, buckets: usize, block: usize, limit: u64) -> Self {
         let bucket = || Mutex::new(Bucket { blocks: Vec::new(), extents: Vec::new(), records: 0 });
         Self {
-            path: path.to_path_buf(),
+            place,
             file: OnceLock::new(),
             end: AtomicU64::new(0),
             buckets: (0..buckets.max(1)).map(|_| bucket()).collect(),
@@ -126,14 +128,15 @@ impl<T: Pod + Send> Shuffle<T> {
     }
 
     /// The spill file, created at first use.
-    fn spill_file(&self) -> Result<&File> {
+    fn spill_file(&self) -> Result<&(PathBuf, File)> {
         if let Some(file) = self.file.get() {
             return Ok(file);
         }
         let _guard = lock(&self.creation);
         if self.file.get().is_none() {
-            let file = new_file::create(&self.path)?;
-            let _ = self.file.set(file);
+            let path = self.place.path()?;
+            let file = new_file::create(&path)?;
+            let _ = self.file.set((path, file));
         }
         Ok(self.file.get_or_init(|| unreachable!("set above under the lock")))
     }
@@ -146,9 +149,9 @@ impl<T: Pod + Send> Shuffle<T> {
             return Ok(());
         }
         self.held.fetch_sub(bytes, Ordering::Relaxed);
-        let file = self.spill_file()?;
+        let (path, file) = self.spill_file()?;
         let offset = self.end.fetch_add(bytes, Ordering::Relaxed);
-        file.write_all_at(bytemuck::cast_slice(&block), offset).map_err(Error::io(&self.path, "write"))?;
+        file.write_all_at(bytemuck::cast_slice(&block), offset).map_err(Error::io(path, "write"))?;
         let mut bucket = self.lock(bucket);
         bucket.records += block.len();
         match bucket.extents.last_mut() {
@@ -176,9 +179,8 @@ impl<T: Pod + Send> Shuffle<T> {
         for (offset, len) in extents {
             let start = all.len();
             all.resize(start + len, T::zeroed());
-            let file = self.spill_file()?;
-            file.read_exact_at(bytemuck::cast_slice_mut(&mut all[start..]), offset)
-                .map_err(Error::io(&self.path, "read"))?;
+            let (path, file) = self.spill_file()?;
+            file.read_exact_at(bytemuck::cast_slice_mut(&mut all[start..]), offset).map_err(Error::io(path, "read"))?;
         }
         Ok(all)
     }
@@ -205,8 +207,8 @@ where
 
 impl<T> Drop for Shuffle<T> {
     fn drop(&mut self) {
-        if self.file.get().is_some() {
-            let _ = std::fs::remove_file(&self.path);
+        if let Some((path, _)) = self.file.get() {
+            let _ = std::fs::remove_file(path);
         }
     }
 }
@@ -297,16 +299,23 @@ pub struct BudgetedShuffle<T> {
 }
 
 impl<T: Pod + Send> BudgetedShuffle<T> {
-    /// A shuffle of `records` records that spills to `path`, within one `part`-th of what the budget has left.
+    /// A shuffle of `records` records that spills to `place`, within one `part`-th of what the budget has left.
     ///
     /// # Errors
     /// [`crate::base::Error::Memory`].
-    pub fn new(path: &Path, what: &'static str, records: u64, copies: u64, part: u64, run: &Run) -> Result<Self> {
+    pub fn new(
+        place: DeferredFile,
+        what: &'static str,
+        records: u64,
+        copies: u64,
+        part: u64,
+        run: &Run,
+    ) -> Result<Self> {
         let room = run.budget.left() / part.max(1);
         let sizing = Sizing::new(records, size_of::<T>(), copies, run.threads, room / 2);
         let fixed = sizing.fixed();
         let grant = run.budget.take(what, fixed, (fixed + sizing.bytes).min(room))?;
-        let shuffle = Shuffle::new(path, sizing.buckets, sizing.block, grant.bytes() - fixed);
+        let shuffle = Shuffle::new(place, sizing.buckets, sizing.block, grant.bytes() - fixed);
         Ok(Self { shuffle, _grant: grant })
     }
 }
@@ -372,12 +381,15 @@ impl<const W: usize> Splitters<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::{Budget, WorkDir};
+    use std::path::Path;
 
     #[test]
     fn sorted_buckets_are_the_sorted_whole_in_memory_and_spilled() {
         let dir = tempfile::tempdir().unwrap();
+        let work = WorkDir::temporary(dir.path()).unwrap();
         for limit in [u64::MAX, 100_000, 0] {
-            let shuffle = Shuffle::<u64>::new(&dir.path().join("s"), 13, BLOCK_BYTES, limit);
+            let shuffle = Shuffle::<u64>::new(work.spill("s"), 13, BLOCK_BYTES, limit);
             let n = 100_000u64;
             std::thread::scope(|scope| {
                 for half in 0..2 {
@@ -404,13 +416,27 @@ mod tests {
             expected.sort_unstable();
             assert_eq!(whole, expected);
         }
-        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "the spill file is removed");
+        assert!(!work.holds("s"), "the spill file is removed");
+    }
+
+    /// Regression: the spill file's own error was that its folder does not exist.
+    #[test]
+    fn a_folder_that_cannot_be_made_says_why() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("file"), []).unwrap();
+        let work = WorkDir::in_memory(&dir.path().join("file"), &Budget::new(1 << 20));
+        let shuffle = Shuffle::<u64>::new(work.spill("s"), 1, BLOCK_BYTES, 0);
+        let mut producer = shuffle.producer();
+        producer.push(0, 7).unwrap();
+        let error = producer.finish().unwrap_err().to_string();
+        assert!(error.contains("Not a directory"), "{error}");
     }
 
     /// Regression: a producer for every few records kept a whole block for each, ten times the budget.
     #[test]
     fn many_producers_of_few_records_keep_little_more_than_these() {
-        let shuffle = Shuffle::<u64>::new(Path::new("none"), 1, 64 * size_of::<u64>(), u64::MAX);
+        let work = WorkDir::in_memory(Path::new("none"), &Budget::new(1 << 20));
+        let shuffle = Shuffle::<u64>::new(work.spill("s"), 1, 64 * size_of::<u64>(), u64::MAX);
         for few in (0..1000).map(|k| [3, 64, 100, 1][k % 4]) {
             let mut producer = shuffle.producer();
             (0..few).for_each(|record| producer.push(0, record).unwrap());

@@ -17,8 +17,7 @@ use super::budget::Budget;
 use super::folder::{LOCK, Lock, MARK, WorkFolder, bytes_in, create_missing, is_begun, is_occupied, lock};
 use super::in_memory::InMemoryArrays;
 use super::json;
-use super::manifest::FORMAT;
-use super::manifest::{MANIFEST, is_of_two};
+use super::manifest::{FORMAT, MANIFEST, is_of_two};
 pub use super::manifest::{Manifest, checksum};
 use super::mapped::AlignedBuffer;
 use super::npy::{self, ArrayMut, ArrayWriter, Item};
@@ -239,6 +238,11 @@ impl WorkDir {
             arrays.remove(name);
         }
         Ok(self.folder.for_new()?.join(name))
+    }
+
+    /// The file `name`, for records that exceed memory.
+    pub fn spill(&self, name: &'static str) -> super::folder::DeferredFile {
+        self.folder.file(name)
     }
 
     /// The path that a file has, or would have if the folder does not exist yet.

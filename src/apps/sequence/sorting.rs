@@ -41,7 +41,7 @@ pub(super) fn sorted<const W: usize>(
     // Sorted buckets wait for their turn: `in_order` holds four per thread, and one is being sorted.
     let copies = 6 * context.run.threads as u64;
     let sized = BudgetedShuffle::<[u32; W]>::new(
-        &context.work.file("sequence_sort.tmp"),
+        context.work.spill("sequence_sort.tmp"),
         what,
         records,
         copies,
@@ -79,8 +79,8 @@ impl<'a> Scatter<'a> {
     /// For an array `name` of `n` items in `work`.
     pub fn new(name: &str, n: usize, context: Context<'a>) -> Result<Self> {
         let Context { work, run } = context;
-        let path = work.file("sequence_scatter.tmp");
-        let sized = BudgetedShuffle::new(&path, "bringing values to their places", n as u64, 1, 3, run)?;
+        let file = work.spill("sequence_scatter.tmp");
+        let sized = BudgetedShuffle::new(file, "bringing values to their places", n as u64, 1, 3, run)?;
         Ok(Self { sized, array: work.array(name, &[n])?, run, n })
     }
 

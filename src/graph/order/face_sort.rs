@@ -112,7 +112,7 @@ impl FaceSort<'_> {
         let (Context { work, run }, n) = (self.context, self.faces.len());
         let copies = 6 * run.threads as u64;
         let sorting =
-            BudgetedShuffle::<[u32; W]>::new(&work.file("faces.tmp"), "sorting faces", records, copies, 3, run)?;
+            BudgetedShuffle::<[u32; W]>::new(work.spill("faces.tmp"), "sorting faces", records, copies, 3, run)?;
         let shuffle = &sorting.shuffle;
         let step = (n / (shuffle.buckets() * Splitters::<2>::SAMPLES)).max(1);
         let sample = (0..n).step_by(step).map(|face| {
@@ -171,8 +171,8 @@ impl FaceSort<'_> {
         send: &(impl Fn(usize, &[u32], &mut Producer<'_, [u32; W]>) -> Result<()> + Sync),
     ) -> Result<()> {
         let (run, corners) = (self.context.run, self.faces.corner_count() as u64);
-        let path = self.context.work.file("ranked.tmp");
-        let ranked = BudgetedShuffle::<[u32; 2]>::new(&path, "ranking corners", corners, run.threads as u64, 2, run)?;
+        let file = self.context.work.spill("ranked.tmp");
+        let ranked = BudgetedShuffle::<[u32; 2]>::new(file, "ranking corners", corners, run.threads as u64, 2, run)?;
         let ranked = &ranked.shuffle;
         let by_face = RangeBuckets::new(self.faces.len(), ranked.buckets());
         self.rank_corners(ranked, by_face)?;
@@ -200,8 +200,8 @@ impl FaceSort<'_> {
     /// Sends the new numbers of all corners to their faces: `ranked` receives pairs of corner and number.
     fn rank_corners(&self, ranked: &Shuffle<[u32; 2]>, by_face: RangeBuckets) -> Result<()> {
         let (run, n, total) = (self.context.run, self.faces.len(), self.faces.corner_count() as u64);
-        let path = self.context.work.file("corners.tmp");
-        let corners = BudgetedShuffle::<[u32; 2]>::new(&path, "sorting corners", total, run.threads as u64, 1, run)?;
+        let file = self.context.work.spill("corners.tmp");
+        let corners = BudgetedShuffle::<[u32; 2]>::new(file, "sorting corners", total, run.threads as u64, 1, run)?;
         let corners = &corners.shuffle;
         let by_vertex = RangeBuckets::new(self.rank.len(), corners.buckets());
         run.each_chunk(

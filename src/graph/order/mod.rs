@@ -136,7 +136,7 @@ impl NodeOrder {
         } else {
             drop(resident);
             let pairs = BudgetedShuffle::<[u32; 2]>::new(
-                &context.work.file("restore.tmp"),
+                context.work.spill("restore.tmp"),
                 "ordering results",
                 n as u64,
                 1,

@@ -62,7 +62,7 @@ impl VertexSort<'_> {
         // Sorted buckets wait for the writer: `in_order` holds four per thread, and one is being sorted.
         let copies = 6 * run.threads as u64;
         let sorting =
-            BudgetedShuffle::<[u32; W]>::new(&work.file("vertices.tmp"), "sorting vertices", n as u64, copies, 2, run)?;
+            BudgetedShuffle::<[u32; W]>::new(work.spill("vertices.tmp"), "sorting vertices", n as u64, copies, 2, run)?;
         let shuffle = &sorting.shuffle;
         let step = (n / (shuffle.buckets() * Splitters::<3>::SAMPLES)).max(1);
         let splitters = Splitters::new((0..n).step_by(step).map(|v| self.key(v).0).collect(), shuffle.buckets());
@@ -89,7 +89,7 @@ impl VertexSort<'_> {
         let pairs = match self.in_memory {
             true => None,
             false => Some(BudgetedShuffle::<[u32; 2]>::new(
-                &work.file("ranks.tmp"),
+                work.spill("ranks.tmp"),
                 "ranking vertices",
                 n as u64,
                 1,

@@ -293,7 +293,7 @@ fn sorted(
     let n = places.len().max(1);
     // Up to four sorted buckets per thread wait as bytes while another is sorted.
     let (pieces, copies) = ((bytes / PIECE + n) as u64, 6 * run.threads as u64);
-    let sized = BudgetedShuffle::<Piece>::new(&work.file("pieces.tmp"), "records", pieces, copies, 1, run)?;
+    let sized = BudgetedShuffle::<Piece>::new(work.spill("pieces.tmp"), "records", pieces, copies, 1, run)?;
     let shuffle = &sized.shuffle;
     let mut producer: Producer<'_, Piece> = shuffle.producer();
     produce(&mut |record, bytes| {
