@@ -30,6 +30,7 @@ use crate::store::rows_file::RowsFile;
 use crate::store::{Context, MappedSliceMut};
 use crossbeam_channel::{Receiver, Sender};
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Mutex;
 
 /// Finished rows by number.
@@ -321,7 +322,8 @@ impl Running<'_, '_> {
         let distances = match scratch {
             Scratch::Granted(words) => words.items_mut::<f32>(self.job.spec.nodes),
             Scratch::Mapped(array) => {
-                self.mapped_row(array.data(), landmark, front, cached.as_mut())?;
+                let path = array.path().to_path_buf();
+                self.mapped_row((array.data(), &path), landmark, front, cached.as_mut())?;
                 return sink.put(row, landmark, array.data());
             }
             Scratch::InPlace => {
@@ -330,8 +332,10 @@ impl Running<'_, '_> {
                     return sink.close(row, landmark, &slot, || Ok(()));
                 }
                 // Without a buffer, rows that are not in memory must be in the file.
-                let Some(mut slot) = sink.take(row) else { return Err(Error::internal("a row without a place")) };
-                self.mapped_row(&mut slot, landmark, front, cached.as_mut())?;
+                let (Some(mut slot), Some(path)) = (sink.take(row), sink.path()) else {
+                    return Err(Error::internal("a row without a place"));
+                };
+                self.mapped_row((&mut slot, path), landmark, front, cached.as_mut())?;
                 return sink.close(row, landmark, &slot, || slot.sync());
             }
         };
@@ -339,17 +343,17 @@ impl Running<'_, '_> {
         sink.put(row, landmark, distances)
     }
 
-    /// Computes a row in a mapped file.
+    /// Computes a row in the mapped file `path`.
     fn mapped_row(
         &self,
-        slot: &mut MappedSliceMut<f32>,
+        (slot, path): (&mut MappedSliceMut<f32>, &Path),
         landmark: u32,
         front: &mut Front,
         cached: Option<&mut CachedFront<'_>>,
     ) -> Result<()> {
         let cancel = &self.context.run.cancel;
         if let (Some(cached), Some(values)) = (cached, slot.writeback())
-            && cached.full(landmark, RowFile { values: &values, path: self.context.work.path() }, cancel)?
+            && cached.full(landmark, RowFile { values: &values, path }, cancel)?
         {
             slot.advise(Access::Sequential);
             return Ok(());

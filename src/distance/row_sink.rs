@@ -9,6 +9,7 @@ use crate::base::parallel::lock;
 use crate::base::{Error, Result};
 use crate::store::MappedSliceMut;
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 
 /// A finished row, as passed to a visitor.
@@ -29,7 +30,7 @@ pub type RowVisitor<'a> = &'a (dyn Fn(VisitedRow<'_>) -> Result<()> + Sync);
 /// The destination of rows.
 pub(super) enum Target<'a> {
     /// To a file; row k of all is slot k / of.
-    File { rows: Vec<Mutex<MappedSliceMut<f32>>>, journal: Option<Journal>, path: std::path::PathBuf },
+    File { rows: Vec<Mutex<MappedSliceMut<f32>>>, journal: Option<Journal>, path: PathBuf },
     /// To memory, in the same slots.
     Memory(Vec<Mutex<&'a mut [f32]>>),
     /// To a visitor.
@@ -78,6 +79,12 @@ impl<'a> RowSink<'a> {
     pub fn take(&self, row: usize) -> Option<MutexGuard<'_, MappedSliceMut<f32>>> {
         let Target::File { rows, .. } = &self.target else { return None };
         Some(lock(rows.get(row / self.spec.of)?))
+    }
+
+    /// The file of the rows, if they are in one.
+    pub fn path(&self) -> Option<&Path> {
+        let Target::File { path, .. } = &self.target else { return None };
+        Some(path)
     }
 
     /// Passes on a row that was computed elsewhere.

@@ -134,6 +134,11 @@ impl<T: Item> ArrayMut<T> {
         Self { early, ..self }
     }
 
+    /// Where it will be.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// An array of `shape` in `buffer`, to be registered in `arrays` under the name of `path`.
     pub fn in_memory(path: &Path, shape: &[usize], buffer: AlignedBuffer, arrays: Arc<InMemoryArrays>) -> Self {
         let data = MappedSliceMut::held(buffer, shape.iter().product::<usize>() / T::WIDTH);
