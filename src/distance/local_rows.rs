@@ -5,7 +5,8 @@
 //! vertex, as a sparse matrix of n rows, because they are used vertex by vertex.
 //!
 //! Cost: time of the fronts ([`super::march`]) per vertex and nearby sample; on disk 8 bytes each, twice while they are
-//! sorted by vertex, and 8 bytes per vertex; in memory one field per front, 4 bytes per vertex and thread.
+//! sorted by vertex, and 8 bytes per vertex; in memory 4 bytes per vertex for the field of each front, and 8 per
+//! distance for the samples that wait to be written, [`WAITING`] per thread.
 
 use super::front::mean_weight;
 use super::march::{March, Surface};
@@ -15,6 +16,9 @@ use crate::distance::Front;
 use crate::store::{Context, MappedSlice};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
+
+/// Samples per thread whose distances are in memory: four wait, one is computed.
+const WAITING: u64 = 5;
 
 /// A sample near a vertex.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -54,7 +58,9 @@ impl LocalRows {
         context: Context<'_>,
     ) -> Result<Self> {
         let (n, work) = (surface.nodes.len(), context.work);
-        let (run, grant) = context.run.some_threads("local rows", 0, 4 * n as u64)?;
+        // All vertices may be near a sample; a single thread is not refused for that.
+        let (field, near) = (4 * n as u64, WAITING * size_of::<(u32, f32)>() as u64 * n as u64);
+        let (run, grant) = context.run.threads_beside("local rows", (0, field + near), near)?;
         let mean = mean_weight(surface.graph);
         let front = |k: usize, (front, march, field): &mut (Front, March, Vec<f32>)| {
             let near = match distance {
