@@ -107,7 +107,7 @@ impl SharedFront<'_> {
         bound(shard)..bound(shard + 1)
     }
 
-    /// A hash that identifies the front, independent of the division.
+    /// A hash that identifies the front, independent of the division; its fixed nodes are not in it.
     fn identity(&self) -> String {
         let hash = |numbers: &[u32]| checksum_of(bytemuck::cast_slice(numbers));
         let (sources, labels, limit) = (hash(self.sources), self.labels.map(hash), self.limit.to_bits());
@@ -121,7 +121,7 @@ impl SharedFront<'_> {
     /// # Errors
     /// [`Error::Io`], [`Error::Cancelled`].
     pub fn nearest_source(&self, field: &mut [f32], label: &mut [u32], context: Context<'_>) -> Result<()> {
-        match self.found(context)? {
+        match self.found(|_| true, context)? {
             Some(shares) => {
                 for (own, labels, distances) in shares.each() {
                     label[own.clone()].copy_from_slice(labels);
@@ -138,7 +138,7 @@ impl SharedFront<'_> {
     /// # Errors
     /// As [`SharedFront::nearest_source`].
     pub fn within_fresh(&self, field: &mut [f32], context: Context<'_>) -> Result<VisitedPieces> {
-        let visited = match self.found(context)? {
+        let visited = match self.found(|_| true, context)? {
             Some(shares) => {
                 for (own, _, distances) in shares.each() {
                     field[own].iter_mut().zip(distances).for_each(|(d, bits)| *d = f32::from_bits(*bits));
@@ -151,12 +151,21 @@ impl SharedFront<'_> {
         Ok(visited)
     }
 
-    /// The same for [`voronoi::propagate_labels`]; `label` holds the labels of the sources too.
+    /// The same for [`voronoi::propagate_labels`]; `label` holds the labels of the sources too. Shares that were made
+    /// with other fixed nodes are not used.
     ///
     /// # Errors
     /// As [`SharedFront::nearest_source`].
     pub fn propagate_labels(&self, field: &mut [f32], label: &mut [u32], context: Context<'_>) -> Result<()> {
-        match self.found(context)? {
+        // All steps are longer than 0, so only fixed nodes are at distance 0.
+        let is_same = |(node, (new, bits)): (usize, (&u32, &u32))| match field[node] == 0. {
+            true => *bits == 0 && *new == label[node],
+            false => *bits != 0,
+        };
+        let fits = |shares: &Shares| {
+            shares.each().all(|(own, labels, distances)| own.zip(labels.iter().zip(distances)).all(is_same))
+        };
+        match self.found(fits, context)? {
             Some(shares) => {
                 for (own, labels, distances) in shares.each() {
                     for (node, (new, bits)) in own.zip(labels.iter().zip(distances)) {
@@ -184,10 +193,10 @@ impl SharedFront<'_> {
         Ok(self.divisions(work)?.into_iter().find_map(whole))
     }
 
-    /// The same, with a progress report.
-    fn found(&self, context: Context<'_>) -> Result<Option<Shares>> {
+    /// The same if they are as `fits` wants them, with a progress report.
+    fn found(&self, fits: impl Fn(&Shares) -> bool, context: Context<'_>) -> Result<Option<Shares>> {
         let Context { work, run } = context;
-        let found = self.shares(work)?;
+        let found = self.shares(work)?.filter(fits);
         if let Some(Shares { shares, .. }) = &found {
             run.progress.note_of_work(&format!("{}: combined from {}", self.name, counted(shares.len(), "share")));
         } else if let Some(of) = self.divisions(work)?.first() {
@@ -514,6 +523,16 @@ mod tests {
                     band.propagate_labels(&mut distances, &mut found, context).unwrap();
                 });
                 assert!(distances == band_field && found == band_label, "{count} sources, {of} shares");
+                // With another label where no source is: shares are not used that were made without it.
+                let Some(inner) = (0..n).find(|node| start[*node] == 0. && !edge.contains(&(*node as u32))) else {
+                    panic!("the stripes have no inside");
+                };
+                let (mut distances, mut found) = (start.clone(), named.clone());
+                found[inner] = 77;
+                in_shares(&band, of, &fixed, |context| {
+                    band.propagate_labels(&mut distances, &mut found, context).unwrap();
+                });
+                assert!(distances == band_field && found[inner] == 77, "{count} sources, {of} shares");
             }
         }
     }
