@@ -5,7 +5,7 @@
 
 use super::choices::choice;
 use super::edits::{EditArgs, NameTable, corrections};
-use super::errors::of_file;
+use super::errors::{file_of, of_file};
 use super::input::{check_is_file, check_there, open_file, read};
 use super::method::{KernelArgs, MethodArgs, OrderArgs, PartsArgs};
 use super::options::{
@@ -479,7 +479,12 @@ fn open_mesh(
     context: Context<'_>,
 ) -> Result<Mesh, Error> {
     let path = mesh_path(moved, record, work.path())?;
-    let opened = open_file(&path, context.work.path(), context.run)?;
+    let folder = context.work.path();
+    let opened = open_file(&path, folder, context.run).map_err(|error| match context.work.spill("").path() {
+        // A folder that could not be created says why.
+        Err(reason) if file_of(&error).is_some_and(|file| file.starts_with(folder)) => reason,
+        _ => error,
+    })?;
     if faces.is_some_and(|faces| opened.faces.len() != faces) {
         return Err(Error::unusable(&path, "has a different number of faces than the labels", "give the right mesh"));
     }

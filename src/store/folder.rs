@@ -219,7 +219,7 @@ impl DeferredFile {
     ///
     /// # Errors
     /// [`Error::Io`] where the folder could not be made.
-    pub(super) fn path(&self) -> Result<PathBuf> {
+    pub fn path(&self) -> Result<PathBuf> {
         Ok(self.folder.for_new()?.join(self.name))
     }
 }

@@ -655,6 +655,10 @@ fn export_only_reads_the_work_directory() {
     assert!(forms.iter().all(|form| form.exists()) && hidden(scene.work.parent().unwrap()) == 0);
     stage(&[&words[..], &["--tmp", word(&tmp)]].concat(), &scene.work);
     assert!(changed(&tmp) > before.1 && hidden(&tmp) == 0);
+    // Regression: a file in the folder that could not be created was named.
+    let none = path("none");
+    let words = ["export", "--work-dir", word(&scene.work), "-o", word(&forms[0]), "--tmp", word(&none)];
+    common::refused(&words, 1, "none: cannot create a temporary folder here: No such file");
     // An embedding that is not there is made and kept.
     let table = path("x.parquet");
     stage(&["export", "-q", "--embedding-columns", "-o", word(&table)], &scene.work);
