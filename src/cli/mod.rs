@@ -194,6 +194,7 @@ pub fn main(peak: fn() -> u64) -> End {
     let received = signals::cancel_on(app.cancel.clone());
     let how_to_continue = cli.command.how_to_continue();
     let result = catch(|| dispatch(cli.command, &app)).unwrap_or_else(|error| Err(error.into()));
+    sink::sync_names();
     let (code, text) = match &result {
         Ok(()) => (0, None),
         Err(CliError::Reported(sum)) => (1, (style == Style::Json).then(|| sum.clone())),

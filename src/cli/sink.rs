@@ -5,6 +5,7 @@
 use super::options::CliError;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::obj::{has_texture, material_file, material_libraries, uses_materials};
+use nystrom_stream::base::parallel::lock;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::ends_with;
 use nystrom_stream::store::{json, partial_name};
@@ -14,11 +15,14 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 /// Maximum number of bytes of a file name.
 const LONGEST_NAME: usize = 255;
 /// Bytes at the end of a file of lines in which its last one is looked for.
 const LONGEST_LINE: u64 = 1 << 20;
+/// Where this run has outputs: the places of outputs, of which some are folders, and the folders that they lie in.
+static PLACES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 /// How each line of a batch begins.
 const LINE_START: &[u8] = b"{\"mesh\":";
 
@@ -255,7 +259,17 @@ pub fn check_distinct<'a>(
             }
         }
     }
+    let places = seen.into_keys().flat_map(|place| [place.parent().map(Path::to_path_buf), Some(place)]);
+    lock(&PLACES).extend(places.flatten());
     Ok(())
+}
+
+/// Brings the names of outputs to the disk, as their content already is. This is done once for all of them: after each
+/// of hundreds of small files it would take as long as all the rest. File systems that cannot do it are left alone.
+pub fn sync_names() {
+    for folder in lock(&PLACES).iter().filter(|place| place.is_dir()) {
+        let _ = File::open(folder).and_then(|open| open.sync_all());
+    }
 }
 
 /// The scratch folder of a command without outputs: beside the mesh at `path`, where there is usually room, or the
