@@ -92,7 +92,7 @@ fn assigning(criterion: &mut Criterion) {
     let params = RowParams { l: 12, sampling: Sampling::Farthest };
     let rows =
         DistanceRows::build(&prepared.weighted, graph.nodes.view(), params, Context::new(work, &run)).expect("rows");
-    let columns = SampledColumns::sample(&rows, |face| graph.nodes.at(face).area, &run);
+    let columns = SampledColumns::sample(&rows, |face| graph.nodes.at(face).area, &run).unwrap();
     let embedding_params = EmbeddingParams::for_parts(6);
     let embedding = Embedding::fit(&rows, &columns, embedding_params).expect("an embedding");
     let coordinates = embedding.columns(&columns);

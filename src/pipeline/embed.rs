@@ -79,7 +79,7 @@ impl Stage for EmbeddingStage<'_> {
     }
 
     fn make(self, _: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
-        let columns = SampledColumns::sample(self.rows, |node| self.graph.nodes.at(node).area, context.run);
+        let columns = SampledColumns::sample(self.rows, |node| self.graph.nodes.at(node).area, context.run)?;
         let embedding = Embedding::fit(self.rows, &columns, self.params)?;
         write(self.rows, &embedding, self.order, context)?;
         let facts = EmbeddingFacts {

@@ -63,7 +63,7 @@ fn k_means(
     // `quality` holds areas until confidences are known, so that geometry is read only once.
     nodes.areas(quality, run)?;
     let areas = &quality[..];
-    let columns = SampledColumns::sample(rows, |node| areas[node], run);
+    let columns = SampledColumns::sample(rows, |node| areas[node], run)?;
     let embedding = Embedding::fit(rows, &columns, means.embedding)?;
     let coordinates = embedding.columns(&columns);
     let points = WeightedPoints { coordinates: &coordinates, weights: &columns.shares };

@@ -57,25 +57,32 @@ pub fn fit_bytes(landmarks: u64, nodes: u64) -> u64 {
 
 impl SampledColumns {
     /// Samples the columns of `rows`; `area` gives the area of a node.
-    pub fn sample(rows: &DistanceRows, area: impl Fn(usize) -> f32, run: &Run) -> Self {
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Cancelled`].
+    pub fn sample(rows: &DistanceRows, area: impl Fn(usize) -> f32, run: &Run) -> Result<Self> {
         let n = rows.nodes;
-        let total: f64 = (0..n).map(|i| f64::from(area(i))).sum();
+        // They end early if a stop is requested.
+        let goes_on = |i: usize| !i.is_multiple_of(STOP_CHECK) || !run.cancel.is_cancelled();
+        let areas = || (0..n).take_while(|&i| goes_on(i)).map(|i| f64::from(area(i)));
+        let total: f64 = areas().sum();
+        run.cancel.check()?;
         let (chosen, mut shares): (Vec<u32>, Vec<f64>) = if n <= MOST_COLUMNS {
             // Areas have a lower bound, so that faces without area count if there are no others.
             let floor = 1e-6 * total.max(1e-30) / n as f64;
             (0..n as u32).map(|i| (i, f64::from(area(i as usize)).max(floor))).unzip()
         } else if total > 0. {
             // A face hit by several points counts several times.
-            let areas = (0..n).map(|i| f64::from(area(i)));
-            let points = stratified(areas, total, MOST_COLUMNS, &mut stream(run.seed, "columns"));
+            let points = stratified(areas(), total, MOST_COLUMNS, &mut stream(run.seed, "columns"));
             points.into_iter().map(|(node, hits)| (node, f64::from(hits))).unzip()
         } else {
             (0..MOST_COLUMNS).map(|k| ((k as u128 * n as u128 / MOST_COLUMNS as u128) as u32, 1.)).unzip()
         };
         let sum: f64 = shares.iter().sum();
         shares.iter_mut().for_each(|share| *share /= sum);
-        let distances = distances(rows, &chosen, run);
-        Self { nodes: chosen, shares, distances }
+        run.cancel.check()?;
+        let distances = distances(rows, &chosen, run)?;
+        Ok(Self { nodes: chosen, shares, distances })
     }
 
     /// Number of columns s.
@@ -94,19 +101,22 @@ impl SampledColumns {
 const NEAR: u32 = 4096;
 /// Number of sampled nodes whose distances are requested at a time.
 const ASKED: usize = 512;
+/// Nodes between two checks of the stop flag.
+const STOP_CHECK: usize = 1 << 18;
 
 /// The distances of `nodes` (s, ascending) in `rows` (l × s).
-fn distances(rows: &DistanceRows, nodes: &[u32], run: &Run) -> Vec<f32> {
+fn distances(rows: &DistanceRows, nodes: &[u32], run: &Run) -> Result<Vec<f32>> {
     let mut distances = Vec::with_capacity(rows.len() * nodes.len());
     for k in 0..rows.len() {
         let row = rows.row(k);
         for some in nodes.chunks(ASKED) {
+            run.cancel.check()?;
             let near = some.chunk_by(|a, b| b - a <= NEAR);
             run.will_need_few(row, near.map(|near| near[0] as usize..near[near.len() - 1] as usize + 1));
             distances.extend(some.iter().map(|&node| row[node as usize]));
         }
     }
-    distances
+    Ok(distances)
 }
 
 /// How affinities are normalised before the eigenproblem.
@@ -205,7 +215,7 @@ enum Divisor {
 /// let params = RowParams { l: 3, sampling: Sampling::Farthest };
 /// let rows = DistanceRows::build(&weighted, graph.nodes.view(), params, context)?;
 ///
-/// let columns = SampledColumns::sample(&rows, |face| graph.nodes.at(face).area, &run);
+/// let columns = SampledColumns::sample(&rows, |face| graph.nodes.at(face).area, &run)?;
 /// let params = EmbeddingParams::for_parts(2);
 /// let embedding = Embedding::fit(&rows, &columns, params)?;
 /// // Two coordinates for each of six faces, each face of unit length.

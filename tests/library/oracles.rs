@@ -694,7 +694,7 @@ fn fit(
     normalisation: Normalisation,
     d: usize,
 ) -> (Embedding, SampledColumns, Vec<f32>) {
-    let columns = SampledColumns::sample(rows, |face| built.graph.nodes.at(face).area, &Run::new(&()));
+    let columns = SampledColumns::sample(rows, |face| built.graph.nodes.at(face).area, &Run::new(&())).unwrap();
     assert_eq!(columns.len(), rows.nodes, "all columns of a small mesh");
     let width = KernelWidth::Mean(if normalisation == Normalisation::Anchor { 0.25 } else { 1. });
     let params = EmbeddingParams { kernel, width, normalisation, dimensions: d, unit_rows: false };
@@ -794,7 +794,7 @@ fn anchor_graph_coordinates_equal_a_dense_computation() {
 fn chunks_of_any_size_embed_alike_and_unit_rows_have_length_one() {
     let (_, built) = lopsided().swap_remove(0);
     let rows = built.rows(12);
-    let columns = SampledColumns::sample(&rows, |face| built.graph.nodes.at(face).area, &Run::new(&()));
+    let columns = SampledColumns::sample(&rows, |face| built.graph.nodes.at(face).area, &Run::new(&())).unwrap();
     for normalisation in [Normalisation::None, Normalisation::Degree, Normalisation::Anchor] {
         for unit_rows in [false, true] {
             let params = EmbeddingParams { normalisation, unit_rows, ..EmbeddingParams::for_parts(5) };

@@ -10,10 +10,10 @@
 //! Cost: for each pair of at most [`MOST_LOOPS`] loops a test of [`SAMPLES`] points against a polygon; for two nested
 //! ones a pass over the part, and the product of their lengths.
 
-use crate::base::Result;
 use crate::base::bit_set::BitSet;
 use crate::base::sort::sort_by;
 use crate::base::vector::{add_scaled, distance, dot, length, minus, unit};
+use crate::base::{Cancel, Result};
 use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use earcut::Earcut;
@@ -39,6 +39,9 @@ pub(super) type Filling = (Vec<[u32; 3]>, BTreeSet<[u32; 2]>);
 
 /// A vertex of a loop, and its position.
 type Corner = (u32, [f64; 3]);
+
+/// The vertices of a ring, and their positions.
+type Ring = (Vec<u32>, Vec<[f64; 3]>);
 
 /// A simple loop of open edges.
 pub(super) struct Loop {
@@ -180,12 +183,21 @@ fn leaving(
 
 /// The numbers of the corners of `a` and `b` with the least `gap`; of several, those of the least vertices, so that
 /// both sides of a cut find the same. `None` if there are too many pairs, or both loops share that vertex.
-fn nearest(a: &[Corner], b: &[Corner], gap: impl Fn(usize, usize) -> f64) -> Option<[usize; 2]> {
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+fn nearest(
+    a: &[Corner],
+    b: &[Corner],
+    gap: impl Fn(usize, usize) -> f64,
+    cancel: &Cancel,
+) -> Result<Option<[usize; 2]>> {
     if a.len().saturating_mul(b.len()) > MOST_PAIRS {
-        return None;
+        return Ok(None);
     }
     let mut found = (f64::INFINITY, [u32::MAX; 2], [0; 2]);
     for (i, (v, _)) in a.iter().enumerate() {
+        cancel.check()?;
         for (j, (w, _)) in b.iter().enumerate() {
             let gap = gap(i, j);
             if gap < found.0 || gap == found.0 && [*v, *w] < found.1 {
@@ -193,12 +205,15 @@ fn nearest(a: &[Corner], b: &[Corner], gap: impl Fn(usize, usize) -> f64) -> Opt
             }
         }
     }
-    (found.1[0] != found.1[1]).then_some(found.2)
+    Ok((found.1[0] != found.1[1]).then_some(found.2))
 }
 
 /// One ring of vertices through `loops`, the first of which is around the others, and their positions: bridges, passed
 /// in both directions, join them. `None` if they are too long, or touch.
-fn joined(loops: &[&Loop]) -> Option<(Vec<u32>, Vec<[f64; 3]>)> {
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+fn joined(loops: &[&Loop], cancel: &Cancel) -> Result<Option<Ring>> {
     let (outer, mut inner) = (loops[0], loops[1..].to_vec());
     let plane = polygon::plane_across(unit(outer.area));
     let flat = |p: &[f64; 3]| plane.map(|axis| dot(minus(*p, outer.at[0]), axis));
@@ -209,20 +224,23 @@ fn joined(loops: &[&Loop]) -> Option<(Vec<u32>, Vec<[f64; 3]>)> {
         let places: Vec<[f64; 2]> = own.iter().map(|(_, p)| flat(p)).collect();
         let around: Vec<[f64; 2]> = all.iter().map(|(_, p)| flat(p)).collect();
         let gap = |i: usize, j: usize| (places[j][0] - around[i][0]).powi(2) + (places[j][1] - around[i][1]).powi(2);
-        let [i, j] = nearest(&all, &own, gap)?;
+        let Some([i, j]) = nearest(&all, &own, gap, cancel)? else { return Ok(None) };
         all = [&all[..=i], &own[j..], &own[..=j], &all[i..]].concat();
     }
-    Some(all.into_iter().unzip())
+    Ok(Some(all.into_iter().unzip()))
 }
 
 /// A band of triangles between the loop `outer` and `inner`, which it is around: on from the nearest two vertices,
 /// always across the shorter diagonal. It need not be flat, and has no edge between two vertices of one loop. `None` if
 /// the loops are too long, or touch, or one vertex would be joined to all others.
-pub(super) fn band(outer: &Loop, inner: &Loop) -> Option<Filling> {
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub(super) fn band(outer: &Loop, inner: &Loop, cancel: &Cancel) -> Result<Option<Filling>> {
     let (mut a, mut b) = (outer.corners(), inner.beside(outer));
     b.reverse();
     let gap = |p: &Corner, q: &Corner| distance(p.1, q.1);
-    let [i, j] = nearest(&a, &b, |i, j| gap(&a[i], &b[j]))?;
+    let Some([i, j]) = nearest(&a, &b, |i, j| gap(&a[i], &b[j]), cancel)? else { return Ok(None) };
     let (n, m) = (a.len(), b.len());
     a.rotate_left(i);
     b.rotate_left(j);
@@ -239,15 +257,22 @@ pub(super) fn band(outer: &Loop, inner: &Loop) -> Option<Filling> {
             j += 1;
         }
         if !across.insert(ends([a[i % n].0, b[j % m].0])) {
-            return None;
+            return Ok(None);
         }
     }
-    Some((triangles, across))
+    Ok(Some((triangles, across)))
 }
 
 /// Fills `loops` together, in the plane of the first, which is around the others; `None` if that is impossible.
-pub(super) fn filled(loops: &[&Loop], clipper: &mut Earcut<f64>) -> Option<Filling> {
-    let (ring, at) = joined(loops)?;
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub(super) fn filled(loops: &[&Loop], clipper: &mut Earcut<f64>, cancel: &Cancel) -> Result<Option<Filling>> {
+    Ok(joined(loops, cancel)?.and_then(|joined| filled_along(joined, loops, clipper)))
+}
+
+/// The same along the ring through all of them.
+fn filled_along((ring, at): Ring, loops: &[&Loop], clipper: &mut Earcut<f64>) -> Option<Filling> {
     let n = ring.len();
     let mut triangles = polygon::clipped_along(&at, loops[0].area, clipper)?;
     triangles.iter_mut().for_each(|t| t.swap(1, 2));

@@ -196,10 +196,10 @@ impl Caps {
             let group: Vec<&Loop> = group.into_iter().map(|k| &all[k]).collect();
             let mut whole = None;
             if group.len() > 1 {
-                whole = filled(&group, &mut clipper).and_then(&mut unless_known);
+                whole = filled(&group, &mut clipper, &run.cancel)?.and_then(&mut unless_known);
             }
             if let ([outer, inner], None) = (&group[..], &whole) {
-                whole = band(outer, inner).and_then(&mut unless_known);
+                whole = band(outer, inner, &run.cancel)?.and_then(&mut unless_known);
             }
             if let Some(triangles) = whole {
                 let turned = group[0].turned;
@@ -207,7 +207,8 @@ impl Caps {
                 continue;
             }
             for one in group {
-                let filled: Vec<[Corner; 3]> = match filled(&[one], &mut clipper).and_then(&mut unless_known) {
+                let own = filled(&[one], &mut clipper, &run.cancel)?.and_then(&mut unless_known);
+                let filled: Vec<[Corner; 3]> = match own {
                     Some(triangles) => triangles.into_iter().map(|t| t.map(Corner::Vertex)).collect(),
                     None => {
                         let centre = Corner::Centre(caps.centres.len() as u32);

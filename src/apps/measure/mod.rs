@@ -236,13 +236,17 @@ pub fn mesh(mesh: &Mesh, context: Context<'_>) -> Result<MeshMeasures> {
     let graph = graph(mesh, context)?;
     let (sums, boundary_loops) = sums(mesh, None, &graph, true, context)?;
     let all = sums.into_values().next().unwrap_or_default().measures(Unit::of(&graph.facts.frame));
-    let (mut triangles, mut quads, mut incomplete_faces) = (0, 0, 0);
-    mesh.faces.for_each(0..mesh.faces.len(), |_, corners| match corners.len() {
-        0..=2 => incomplete_faces += 1,
-        3 => triangles += 1,
-        4 => quads += 1,
-        _ => {}
-    });
+    let counts = context.run.map_ranges(mesh.faces.len(), CHUNK, |range| {
+        let mut counts = [0u64; 3];
+        mesh.faces.for_each(range, |_, corners| match corners.len() {
+            0..=2 => counts[0] += 1,
+            3 => counts[1] += 1,
+            4 => counts[2] += 1,
+            _ => {}
+        });
+        Ok(counts)
+    })?;
+    let [incomplete_faces, triangles, quads] = [0, 1, 2].map(|kind| counts.iter().map(|counts| counts[kind]).sum());
     let GraphFacts {
         components,
         nonmanifold_edges,

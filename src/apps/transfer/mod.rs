@@ -328,12 +328,18 @@ fn unlabel_islands(
         }
     }
     for i in 0..n {
+        if i % STOP_CHECK == 0 {
+            context.run.cancel.check()?;
+        }
         let root = pieces.find(i as u32) as usize;
         let mark = if quality[i] < 1. { UNCERTAIN } else { 0 };
         size[root] = (size[root] + 1) | mark;
     }
     let mut taken = 0;
     for i in 0..n {
+        if i % STOP_CHECK == 0 {
+            context.run.cancel.check()?;
+        }
         let size = size[pieces.find(i as u32) as usize];
         let count = size & !UNCERTAIN;
         if size != count && (count as usize) < least && u64::from(count) < all[&labels[i]] {

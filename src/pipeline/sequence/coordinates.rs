@@ -209,7 +209,7 @@ pub(super) fn remove(work: &WorkDir) {
 
 /// The fit of the embedding for coordinates.
 pub(super) fn fit(rows: &DistanceRows, graph: &DualGraph, run: &Run) -> Result<Embedding> {
-    let columns = SampledColumns::sample(rows, |node| graph.nodes.at(node).area, run);
+    let columns = SampledColumns::sample(rows, |node| graph.nodes.at(node).area, run)?;
     let dimensions = if graph.components.is_some() { MANY } else { FEW };
     Embedding::fit(rows, &columns, embedding_params(dimensions))
 }
