@@ -129,7 +129,7 @@ impl RunOptions {
         let recording = Recording { progress, log: RunLog::default() };
         let run = self.run(&recording);
         let place = match &self.work_dir {
-            Some(folder) => WorkDir::open(folder)?.heeding(&run.cancel),
+            Some(folder) => WorkDir::open(folder)?.heeding(&run.cancel, run.threads),
             None => WorkDir::in_memory(&self.temporary_folder(), &run.budget),
         };
         catch(|| work(Context::new(&place, &run), &recording.log))?

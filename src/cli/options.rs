@@ -67,7 +67,7 @@ pub struct ForceArgs {
 
 /// Opens (or creates) the work directory at `path`; notes if other processes cannot be kept out.
 pub fn open(path: &Path, run: &Run) -> Result<WorkDir> {
-    let work = WorkDir::open(path)?.heeding(&run.cancel);
+    let work = WorkDir::open(path)?.heeding(&run.cancel, run.threads);
     if !work.is_locked() {
         run.progress.note_of_work(&format!(
             "{}: the file system does not support locks; run one command at a time",

@@ -2,6 +2,7 @@
 //! written as a whole: some hundred bytes per stage and file, and a kilobyte per part once there are labels. A checksum
 //! takes one read of its file.
 
+use super::folder::LOCK;
 use super::mapped::{Access, MappedBytes};
 use crate::base::{Cancel, Result};
 use serde::{Deserialize, Serialize};
@@ -63,6 +64,16 @@ impl Manifest {
     /// A manifest without stages.
     pub(super) fn new() -> Self {
         Self { format: FORMAT, program: PROGRAM.to_string(), stages: BTreeMap::new() }
+    }
+
+    /// A name that no file of a stage can have: one in another folder, or that of the manifest or the lock.
+    pub(super) fn foreign_file(&self) -> Option<&str> {
+        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
+        let is_own = |name: &str| {
+            !name.is_empty() && name.chars().all(plain) && !name.starts_with('.') && name != MANIFEST && name != LOCK
+        };
+        let mut names = self.stages.values().flat_map(|stage| stage.files.keys());
+        names.find(|name| !is_own(name)).map(String::as_str)
     }
 }
 

@@ -285,7 +285,7 @@ impl WorkDir {
         // In parallel: reading for the checksums is what takes longest when only the number of parts changes. None in a
         // temporary directory.
         let files: Vec<_> = record.files.iter().collect();
-        let threads = if self.is_temporary() { 1 } else { files.len() };
+        let threads = if self.is_temporary() { 1 } else { files.len().min(self.threads) };
         let check = |k: usize, (): &mut ()| Ok(self.integrity_error(files[k].0, files[k].1));
         let checked = map_chunks(threads, &self.cancel, files.len(), || (), check);
         let checked = checked.map_err(|error| RebuildReason::Damaged(error.to_string()))?;
@@ -331,7 +331,7 @@ impl WorkDir {
     /// [`WorkDir::record_stage`] with facts already in JSON.
     fn record_stage_json(&self, stage: StageKey, files: &[&str], facts: Value, seconds: f64) -> Result<()> {
         // In parallel, since each waits for the disk; a temporary directory does not wait.
-        let threads = if self.is_temporary() { 1 } else { files.len() };
+        let threads = if self.is_temporary() { 1 } else { files.len().min(self.threads) };
         let record = |k: usize, (): &mut ()| Ok((files[k].to_string(), self.file_record(files[k])?));
         let files = map_of(map_chunks(threads, &self.cancel, files.len(), || (), record)?);
         let StageKey { name, version, key, inputs } = stage;

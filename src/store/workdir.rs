@@ -14,7 +14,7 @@
 //! reused.
 
 use super::budget::Budget;
-use super::folder::{LOCK, Lock, MARK, WorkFolder, bytes_in, create_missing, is_begun, is_occupied, lock};
+use super::folder::{Lock, MARK, WorkFolder, bytes_in, create_missing, is_begun, is_occupied, lock};
 use super::in_memory::InMemoryArrays;
 use super::json;
 use super::manifest::{FORMAT, MANIFEST, is_of_two};
@@ -49,6 +49,8 @@ pub struct WorkDir {
     everything: bool,
     /// Whoever asks for a stop while files are read for their checksums.
     pub cancel: Cancel,
+    /// On how many threads that is done at most.
+    pub(super) threads: usize,
     /// The input's identity, taken before it was read; null if there is none.
     pub(crate) input: Mutex<Value>,
 }
@@ -121,7 +123,7 @@ impl WorkDir {
                 "delete it or use the program that wrote it",
             ));
         }
-        if let Some(name) = manifest.stages.values().flat_map(|stage| stage.files.keys()).find(|name| !is_own(name)) {
+        if let Some(name) = manifest.foreign_file() {
             let problem = format!("lists {name:?}, which is not a file of a work directory");
             return Err(Error::work_dir(&manifest_path, problem, "delete the work directory"));
         }
@@ -145,6 +147,7 @@ impl WorkDir {
             inside_of_it: Mutex::default(),
             everything: false,
             cancel: Cancel::default(),
+            threads: usize::MAX,
             input: Mutex::default(),
         }
     }
@@ -174,10 +177,10 @@ impl WorkDir {
         self
     }
 
-    /// The same directory; `cancel` also stops the reading of files for their checksums.
+    /// The same directory; files are read for their checksums on `threads` threads, and `cancel` stops that too.
     #[must_use]
-    pub fn heeding(mut self, cancel: &Cancel) -> Self {
-        self.cancel = cancel.clone();
+    pub fn heeding(mut self, cancel: &Cancel, threads: usize) -> Self {
+        (self.cancel, self.threads) = (cancel.clone(), threads);
         self
     }
 
@@ -194,7 +197,7 @@ impl WorkDir {
         let path = self.new_file(name)?;
         let mut inner = if self.shared { Self::open_existing(&path)? } else { Self::open(&path)? };
         (inner.temporary, inner.inside, inner.everything) = (self.temporary, true, self.everything);
-        inner.cancel = self.cancel.clone();
+        let mut inner = inner.heeding(&self.cancel, self.threads);
         inner.arrays = self.arrays.as_ref().map(|arrays| Arc::new(arrays.within(inner.folder.clone())));
         let inner = Arc::new(inner);
         if self.temporary {
@@ -421,12 +424,6 @@ impl WorkDir {
     }
 }
 
-/// Whether `name` can be a stage's file: in this folder, and not the manifest or the lock.
-fn is_own(name: &str) -> bool {
-    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
-    !name.is_empty() && name.chars().all(plain) && !name.starts_with('.') && name != MANIFEST && name != LOCK
-}
-
 impl Drop for WorkDir {
     fn drop(&mut self) {
         if self.temporary && !self.inside {
@@ -443,6 +440,7 @@ impl Drop for WorkDir {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::folder::LOCK;
     use crate::store::stage::{RebuildReason, StageKey, key_of};
     use serde_json::json;
 
