@@ -9,7 +9,7 @@ use crate::mesh::ply::labelled::REPEATED;
 use crate::mesh::{Labelling, Mesh};
 use crate::pipeline::admission::admit;
 use crate::pipeline::input;
-use crate::store::manifest::checksum_of;
+use crate::store::manifest::checksum_within;
 use crate::store::{Context, Run, WorkDir};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -141,12 +141,12 @@ pub(super) fn identity(mesh: &Mesh, work: &WorkDir, of_file: impl FnOnce(&Path) 
         Some(document) if mesh.path().is_file() => {
             let identity = of_file(mesh.path())?;
             // Another file may be at that path by now.
-            if document.is_file() && identity["whole"] != checksum_of(document.bytes()) {
+            if document.is_file() && identity["whole"] != checksum_within(document.bytes(), &work.cancel)? {
                 let problem = "has changed since it was opened";
                 return Err(Error::malformed(mesh.path(), "file", problem, "open it again"));
             }
             Ok(identity)
         }
-        _ => Ok(json!({"content": format!("{:016x}", mesh.content_hash())})),
+        _ => Ok(json!({"content": format!("{:016x}", mesh.content_hash(&work.cancel)?)})),
     }
 }

@@ -9,7 +9,7 @@ use super::ply::document::Document;
 use super::polygon;
 use super::positions::{Positions, StridedLayout, check_fit, four};
 use crate::base::vector::{MapEach, finite};
-use crate::base::{Error, Result};
+use crate::base::{Cancel, Error, Result};
 use crate::store::{Context, MappedBytes, MappedSlice, PrivateFolder, Run};
 use std::convert::Infallible;
 use std::ops::Range;
@@ -398,13 +398,14 @@ impl Mesh {
     }
 
     /// A hash of all positions and faces: equal for equal meshes, whatever their storage. One pass, about 10 ns per
-    /// face.
-    pub fn content_hash(&self) -> u64 {
+    /// face. The only error is [`Error::Cancelled`].
+    pub fn content_hash(&self, cancel: &Cancel) -> Result<u64> {
         const BLOCK: usize = 1 << 14;
         let mut hash = Xxh3::new();
         hash.update(bytemuck::bytes_of(&[self.positions.len() as u64, self.faces.len() as u64]));
         let mut block: Vec<u64> = Vec::with_capacity(3 * BLOCK);
         for start in (0..self.positions.len()).step_by(BLOCK) {
+            cancel.check()?;
             block.clear();
             for v in start..self.positions.len().min(start + BLOCK) {
                 block.extend(self.positions.get(v as u32).map(f64::to_bits));
@@ -413,6 +414,7 @@ impl Mesh {
         }
         let mut block: Vec<u32> = Vec::with_capacity(4 * BLOCK);
         for start in (0..self.faces.len()).step_by(BLOCK) {
+            cancel.check()?;
             block.clear();
             self.faces.for_each(start..self.faces.len().min(start + BLOCK), |_, corners| {
                 block.push(corners.len() as u32);
@@ -420,7 +422,7 @@ impl Mesh {
             });
             hash.update(bytemuck::cast_slice(&block));
         }
-        hash.digest()
+        Ok(hash.digest())
     }
 
     /// Calls `visit(corners, positions)` for the [triangles](polygon::triangles) of a face's `corners`; triangles with
@@ -558,18 +560,19 @@ mod tests {
             Mesh::from_polygons(SQUARE.to_vec(), vec![0, 3, 6], triangles.as_flattened().to_vec()),
         ]
         .map(Result::unwrap);
+        let hash = |mesh: &Mesh| mesh.content_hash(&Cancel::default()).unwrap();
         for mesh in &same {
             assert_eq!(faces_of(mesh), triangles);
             assert_eq!(mesh.positions.get(3), [0., 1., 0.]);
-            assert_eq!(mesh.content_hash(), same[0].content_hash());
+            assert_eq!(hash(mesh), hash(&same[0]));
         }
         // Work directories of meshes from arrays are keyed by this hash: it must stay the same with any compiler and on
         // any machine.
-        assert_eq!(same[0].content_hash(), 0x0475_989b_2f76_fce3);
+        assert_eq!(hash(&same[0]), 0x0475_989b_2f76_fce3);
         let others =
             [Mesh::from_slices(&SQUARE, &[[0u32, 1, 2], [0, 3, 2]]), Mesh::from_slices(&SQUARE, &triangles[..1])];
         for mesh in others {
-            assert_ne!(mesh.unwrap().content_hash(), same[0].content_hash());
+            assert_ne!(hash(&mesh.unwrap()), hash(&same[0]));
         }
     }
 

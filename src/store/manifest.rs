@@ -89,6 +89,14 @@ pub(super) fn is_of_two(path: &Path) -> bool {
 pub fn checksum(path: &Path, cancel: &Cancel) -> Result<String> {
     let bytes = MappedBytes::open(path)?;
     bytes.advise(Access::Sequential);
+    checksum_within(&bytes, cancel)
+}
+
+/// The same for bytes in memory, or mapped, that may be many.
+///
+/// # Errors
+/// [`crate::base::Error::Cancelled`].
+pub(crate) fn checksum_within(bytes: &[u8], cancel: &Cancel) -> Result<String> {
     let mut hash = Xxh3::new();
     for some in bytes.chunks(BYTES_BETWEEN_CHECKS) {
         cancel.check()?;
@@ -97,7 +105,7 @@ pub fn checksum(path: &Path, cancel: &Cancel) -> Result<String> {
     Ok(format!("{:016x}", hash.digest()))
 }
 
-/// The same for bytes in memory.
+/// The same for a few bytes in memory.
 pub fn checksum_of(bytes: &[u8]) -> String {
     format!("{:016x}", xxh3_64(bytes))
 }
