@@ -213,7 +213,7 @@ impl Creature {
     }
 
     fn header(&self) -> Vec<u8> {
-        let index = if self.vertex_count() > 1 << 31 { Scalar::U32 } else { Scalar::I32 };
+        let index = Scalar::numbering(self.vertex_count());
         let mut header = HeaderWriter::new(Encoding::Little);
         header.remark("comment a creature with known parts");
         header.element("vertex", self.vertex_count()).positions(false);

@@ -57,7 +57,7 @@ impl Target<'_, '_> {
         let Counts { vertices, faces, .. } = self.counts;
         let mut header = HeaderWriter::new(Encoding::Little);
         header.element("vertex", vertices).positions(self.counts.double);
-        header.element("face", faces).corners(Scalar::counting(self.counts.most), numbering(vertices));
+        header.element("face", faces).corners(Scalar::counting(self.counts.most), Scalar::numbering(vertices));
         self.out.buffer.append(&mut header.finish());
     }
 
@@ -104,11 +104,6 @@ impl Target<'_, '_> {
     }
 }
 
-/// The type of the numbers of `vertices` vertices: that of other programs if they fit.
-fn numbering(vertices: u64) -> Scalar {
-    if vertices <= 1 << 31 { Scalar::I32 } else { Scalar::U32 }
-}
-
 /// Rejects more vertices than a face can index.
 pub(super) fn check(path: &Path, counts: Counts) -> Result<()> {
     if u32::try_from(counts.vertices).is_err() {
@@ -126,7 +121,7 @@ mod tests {
     fn all_vertices_that_a_mesh_may_have_can_be_numbered() {
         let path = Path::new("big.stl");
         let check = |vertices: u64| check(path, Counts { vertices, ..Counts::default() });
-        assert_eq!([(1 << 31) - 1, 1 << 31, (1 << 31) + 1].map(numbering), [Scalar::I32, Scalar::I32, Scalar::U32]);
+        assert_eq!([1 << 31, (1 << 31) + 1].map(Scalar::numbering), [Scalar::I32, Scalar::U32]);
         assert!(check(u64::from(u32::MAX)).is_ok());
         assert!(check(1 << 32).unwrap_err().to_string().contains("2^32"));
     }

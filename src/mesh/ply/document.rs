@@ -305,7 +305,7 @@ impl Document {
                 }
                 Line::Property(element, number) if element == self.face && self.strips => {
                     if number == self.list {
-                        out.corners(Scalar::U8, Scalar::I32);
+                        out.corners(Scalar::U8, Scalar::numbering(count(self.vertex) as u64));
                     }
                 }
                 Line::Property(element, number) if kept(element, number) => {

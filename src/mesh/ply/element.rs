@@ -81,6 +81,11 @@ impl Scalar {
         if most <= Self::U8.greatest() { Self::U8 } else { Self::U32 }
     }
 
+    /// The type of the numbers of `vertices` vertices: that of other programs if they fit.
+    pub fn numbering(vertices: u64) -> Self {
+        if vertices <= 1 << 31 { Self::I32 } else { Self::U32 }
+    }
+
     /// The coordinate type: 64 bits if `double`, else 32.
     pub fn coordinate(double: bool) -> Self {
         if double { Self::F64 } else { Self::F32 }

@@ -246,10 +246,12 @@ impl LabelledWriter<'_> {
     fn triangles(&self, out: &mut Gather) -> Result<()> {
         let faces = self.mesh.faces.len();
         let encoder = self.encoder;
+        let vertices = self.split.as_ref().map_or(self.mesh.positions.len(), |split| split.split.vertex_count());
+        let index = Scalar::numbering(vertices as u64);
         let mut changed = self.changed();
         let split = |piece: &Piece, out: &mut Gather| {
             let Some(split) = &self.split else { return };
-            split.corners(piece, Scalar::U8, Scalar::I32, &mut out.buffer);
+            split.corners(piece, Scalar::U8, index, &mut out.buffer);
             self.labelling.append_piece(piece.face as usize, piece.label, encoder, &mut out.buffer);
             encoder.end(&mut out.buffer);
         };
@@ -261,7 +263,7 @@ impl LabelledWriter<'_> {
                 }
                 encoder.integer(Scalar::U8, corners.len() as i64, &mut out.buffer);
                 for &corner in corners {
-                    encoder.integer(Scalar::I32, corner.into(), &mut out.buffer);
+                    encoder.integer(index, corner.into(), &mut out.buffer);
                 }
                 self.labelling.append(face, encoder, &mut out.buffer);
                 encoder.end(&mut out.buffer);

@@ -229,13 +229,14 @@ impl<'a> RearrangedWriter<'a> {
     fn strips(&self, push: &mut dyn FnMut(usize, &[u8]) -> Result<()>) -> Result<()> {
         let faces = self.mesh.faces.len();
         let (mut record, encoder) = (Vec::new(), self.encoder);
+        let index = Scalar::numbering(self.mesh.positions.len() as u64);
         for start in (0..faces).step_by(CHUNK) {
             self.context.run.cancel.check()?;
             self.mesh.faces.try_for_each(start..faces.min(start + CHUNK), |face, corners| {
                 record.clear();
                 encoder.integer(Scalar::U8, corners.len() as i64, &mut record);
                 for &corner in corners {
-                    encoder.integer(Scalar::I32, self.order.numbers[corner as usize].into(), &mut record);
+                    encoder.integer(index, self.order.numbers[corner as usize].into(), &mut record);
                 }
                 if self.order.original {
                     encoder.integer(Scalar::U32, face as i64, &mut record);

@@ -98,7 +98,7 @@ pub(super) fn stream(
     if vertices > u32::MAX.into() {
         return Err(too_many_vertices(path));
     }
-    let corner = if vertices > 1 << 31 { Scalar::U32 } else { Scalar::I32 };
+    let corner = Scalar::numbering(vertices);
     header.element("vertex", vertices).positions(double);
     VERTEX_PROPERTIES.iter().for_each(|&(name, scalar)| _ = header.property(name, scalar));
     header.element("face", mesh.faces.len() as u64).corners(count, corner);
