@@ -165,6 +165,7 @@ impl SamplingQuality {
         let lengths = params.samplings.iter().any(|sampling| sampling.needs_lengths());
         let data = StudyParams { metric: self.metric, matrix: 0, lengths, ..StudyParams::default() };
         self.options.with(|context, _| {
+            checked(mesh)?;
             let data = StudyData::of(mesh, &admitted(mesh, self.options.force, context)?, data, context)?;
             compare(&data, &mesh.path().to_string_lossy(), &params, context)
         })

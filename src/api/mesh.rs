@@ -123,10 +123,9 @@ pub(super) fn checked(mesh: &Mesh) -> Result<()> {
     if mesh.document().is_none() || mesh.faces.is_empty() { mesh.check() } else { Ok(()) }
 }
 
-/// The identity of `mesh` for the work directory of `context`. A work directory of another mesh is refused, or emptied
-/// with `force`.
+/// The identity of the [`checked`] `mesh` for the work directory of `context`. A work directory of another mesh is
+/// refused, or emptied with `force`.
 pub(super) fn admitted(mesh: &Mesh, force: bool, context: Context<'_>) -> Result<Value> {
-    checked(mesh)?;
     let identity = identity(mesh, context.work, |path| input::identity_in(path, context.work))?;
     admit(mesh.path(), &identity, force, context)?;
     mesh.notes().iter().for_each(|note| context.run.progress.note(note));

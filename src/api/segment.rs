@@ -266,7 +266,7 @@ impl Segmenter {
         self.edits.as_ref().map_or(Ok(()), Edits::check)?;
         let params = &params;
         self.options.with(|context, log| {
-            self.edits.as_ref().map_or(Ok(()), |_| checked(mesh))?;
+            checked(mesh)?;
             let edits = self.edits.as_ref().map(|edits| edits.on(mesh, context.run)).transpose()?;
             let corrections = Corrections { edits: edits.as_ref(), painted: self.hints.as_deref(), transferred: false };
             let identity = admitted(mesh, self.options.force, context)?;

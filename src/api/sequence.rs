@@ -1,6 +1,6 @@
 //! Finds an order for streaming a mesh, such that a reader holds few vertices at a time.
 
-use super::mesh::admitted;
+use super::mesh::{admitted, checked};
 use super::run::{RunOptions, run_options, work_options};
 use crate::apps::sequence::{SequenceOrder, StreamMeasures};
 use crate::base::{Error, Result};
@@ -65,6 +65,7 @@ impl Sequencer {
     /// [`crate::Error::Io`], [`crate::Error::Cancelled`].
     pub fn run(&self, mesh: &Mesh) -> Result<Sequence> {
         self.options.with(|context, _| {
+            checked(mesh)?;
             let identity = admitted(mesh, self.options.force, context)?;
             let sequencer = recipe::Sequencer::new(mesh, &identity, context)?;
             let order = sequencer.sequence(&self.params)?;
