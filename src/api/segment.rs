@@ -261,10 +261,8 @@ impl Segmenter {
             params.parts.detail = edits.detail.unwrap_or_default();
         }
         params.check()?;
-        // Reports and work directories state what was done, so that later runs in them continue it.
-        params.exact = params.exact_rows();
         self.edits.as_ref().map_or(Ok(()), Edits::check)?;
-        let params = &params;
+        let params = &params.resolved();
         self.options.with(|context, log| {
             checked(mesh)?;
             let edits = self.edits.as_ref().map(|edits| edits.on(mesh, context.run)).transpose()?;

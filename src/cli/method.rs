@@ -267,7 +267,6 @@ impl MethodArgs {
             return Err(misfit(option, "--cluster parts, kmeans or two-means"));
         }
         self.distance.apply(&mut params)?;
-        params.exact = params.exact_rows();
-        Ok(params)
+        Ok(params.resolved())
     }
 }

@@ -162,7 +162,7 @@ impl ClusterArgs {
             params.embedding = fresh.embedding;
         }
         self.parts.apply(&self.kernel, &mut params)?;
-        params.exact = params.exact_rows();
+        params = params.resolved();
         let edits = self.edits.read(&self.parts, &mut params)?;
         params.check()?;
         if self.tree.is_some() && params.cluster != Cluster::Parts {

@@ -119,6 +119,13 @@ crate::base::setters::setters!(SegmentParams {
 });
 
 impl SegmentParams {
+    /// The same with what follows from other options: reports and work directories state what was done, so that later
+    /// runs in them continue it.
+    #[must_use]
+    pub fn resolved(self) -> Self {
+        Self { exact: self.exact_rows(), ..self }
+    }
+
     /// Whether parts are decided with rows over all faces whatever the size of the mesh.
     pub fn exact_rows(&self) -> bool {
         self.exact || self.boundaries == Boundaries::Embedding
