@@ -36,7 +36,7 @@ const ELSEWHERE: &str = "another run is working on it";
 fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(SegmentParams, Option<Edits>), CliError> {
     let mut params = args.method.params()?;
     let edits = args.edits.read(&args.method.parts, &mut params)?;
-    params.check()?;
+    params.check().map_err(|error| args.edits.blamed(&args.method.parts, error))?;
     let misused = |text: &str| Err(CliError::Usage(text.into()));
     if args.run.seed.is_some() && params.cluster == Cluster::Components {
         return Err(misfit("--seed", "--cluster parts, kmeans or two-means"));

@@ -1,5 +1,6 @@
 //! `--edits`, `--hints` and `--like`: a person's corrections, and parts transferred to similar meshes.
 
+use super::errors::of_file;
 use super::input::{check_is_file, read};
 use super::method::PartsArgs;
 use super::options::{CliError, ForceArgs, misfit};
@@ -93,11 +94,22 @@ impl EditArgs {
         let Some(path) = &self.edits else { return Ok(None) };
         check_is_file(path)?;
         let edits = Edits::read(path)?;
-        if parts.parts.is_none() && parts.parts_range.is_none() && parts.detail.is_none() {
+        if !parts.counts() {
             params.parts.count = edits.parts.map_or(params.parts.count, PartCount::Exactly);
             params.parts.detail = edits.detail.unwrap_or(params.parts.detail);
         }
         Ok(Some(edits))
+    }
+
+    /// `error`, of the file of edits if it is about the number of parts that was taken from there.
+    pub fn blamed(&self, parts: &PartsArgs, error: Error) -> Error {
+        let Some(path) = self.edits.as_deref().filter(|_| !parts.counts()) else { return error };
+        match of_file(of_file(error, "parts", Some(path)), "detail", Some(path)) {
+            Error::Unusable { path: mesh, problem, remedy } if remedy.ends_with("`parts`") => {
+                Error::unusable(mesh, problem, format!("correct their number in {}", path.display()))
+            }
+            error => error,
+        }
     }
 }
 

@@ -202,6 +202,11 @@ impl KernelArgs {
 }
 
 impl PartsArgs {
+    /// Whether they tell how many parts there are to be.
+    pub fn counts(&self) -> bool {
+        self.parts.is_some() || self.parts_range.is_some() || self.detail.is_some()
+    }
+
     /// Sets the clustering options in `params`; options not given stay unchanged, except for the number of parts and
     /// the detail, which get their defaults.
     pub fn apply(&self, kernel: &KernelArgs, params: &mut SegmentParams) -> Result<(), CliError> {

@@ -201,6 +201,11 @@ fn doubts(facts: &LikeFacts) -> String {
 
 /// Segments one mesh, which was [checked](Job::check), and writes its outputs.
 pub fn one(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) -> Result<Report> {
+    let SegmentArgs { edits, method, .. } = task.args;
+    cut(job, task, bars, run, app).map_err(|error| edits.blamed(&method.parts, error))
+}
+
+fn cut(job: &Job, task: Task<'_>, bars: &Bars, run: &Run, app: &AppContext) -> Result<Report> {
     let Task { args, params, edits, names, like } = task;
     let Job { mesh: path, outputs } = job;
     let work = args.scratch.work(args.work_dir.as_deref(), || scratch_folder(outputs), run)?;

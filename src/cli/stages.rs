@@ -164,7 +164,7 @@ impl ClusterArgs {
         self.parts.apply(&self.kernel, &mut params)?;
         params = params.resolved();
         let edits = self.edits.read(&self.parts, &mut params)?;
-        params.check()?;
+        params.check().map_err(|error| self.edits.blamed(&self.parts, error))?;
         if self.tree.is_some() && params.cluster != Cluster::Parts {
             return Err(misfit("--tree", "--cluster parts"));
         }
@@ -352,7 +352,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     drop(opened);
     let corrections = corrections(placed.as_ref(), painted.as_ref());
     let mut result = recipe::cluster(&params, tree.as_ref(), corrections, context)
-        .map_err(|error| of_file(error, "tree", args.tree.as_deref()))?;
+        .map_err(|error| args.edits.blamed(&args.parts, of_file(error, "tree", args.tree.as_deref())))?;
     if let Some(names) = names {
         names.give(&mut result.names, result.colours.len())?;
         labels::keep(&result, context)?;

@@ -1,6 +1,6 @@
 //! Corrections: edits named by places, hints painted on faces, and what is said where they cannot be followed.
 
-use crate::common::{creature, data, errors, in_memory, json, ok, refused, run, segment, word};
+use crate::common::{creature, data, errors, in_memory, json, ok, refused, run, segment, word, zoo};
 use crate::formats::{has_browser, tool};
 use crate::stages::tiny;
 use nystrom_stream::mesh::{self, Labelling, Mesh, read_seg};
@@ -268,6 +268,19 @@ fn edits_apply_to_another_resolution_and_to_other_units() {
     // Without the box, the places are inside of it and far from its surface or on the wrong part: they are refused or few.
     let told = scene.refused(&json!([{"edit": "split", "at": [9e3, 0, 0]}]));
     assert!(told.contains("edit 1 (split): the place [9000, 0, 0] is") && told.contains("units"), "{told}");
+}
+
+/// Regression: `-k` was blamed, which was not given.
+#[test]
+fn a_number_of_parts_in_the_edits_is_theirs() {
+    let dir = in_memory();
+    let (mesh, edits) = (zoo::tetrahedron().write(dir.path()), dir.path().join("edits.json"));
+    let all = json!({"format": "nystrom-stream edits", "version": 1, "parts": 5, "edits": []});
+    std::fs::write(&edits, all.to_string()).unwrap();
+    let words = ["segment", word(&mesh), "-q", "--edits", word(&edits)];
+    let told = refused(&words, 1, "has 4 faces, fewer than the 5 parts requested; correct their number in");
+    assert!(told.contains("edits.json"), "{told}");
+    refused(&[&words[..], &["-k", "6"]].concat(), 1, "choose a smaller -k");
 }
 
 #[test]

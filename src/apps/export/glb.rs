@@ -69,7 +69,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     }
     let vertices = mesh.positions.len() as u64;
     let bytes = VertexSums::bytes(mesh);
-    let grant = run.budget.take("normals of the scene", bytes, bytes);
+    let grant = run.budget.take("normals of the .glb file", bytes, bytes);
     // The size must also fit with normals.
     let fits = 24 * vertices + 12 * scene.triangles.iter().sum::<u64>() + (1 << 20) * (1 + parts as u64) < MOST;
     if fits {
@@ -78,7 +78,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
         scene.normals = (sums.creased(mesh, run)? < FLAT).then_some(sums);
     }
     let bytes = PER_PART * scene.triangles.iter().filter(|count| **count > 0).count() as u64;
-    let _grant_of_parts = run.budget.take("parts of the scene", bytes, bytes)?;
+    let _grant_of_parts = run.budget.take("parts of the .glb file", bytes, bytes)?;
     let json = padded(scene.json());
     let width = if scene.normals.is_some() { 24 } else { 12 };
     let binary = width * vertices + 12 * scene.triangles.iter().sum::<u64>();

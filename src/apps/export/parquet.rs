@@ -43,7 +43,7 @@ const BYTES_PER_THREAD: u64 = 24;
 /// [`Error::Memory`] if there is no room for one thread.
 pub fn threads_for_groups<'a>(rows: usize, held: u64, run: &Run<'a>) -> Result<(Run<'a>, Grant)> {
     let [held, each] = [held, BYTES_PER_THREAD].map(|bytes| bytes * GROUP.min(rows) as u64);
-    run.some_threads("a group of rows", held, each)
+    run.some_threads("a group of rows of the .parquet file", held, each)
 }
 
 /// A file being written.
