@@ -15,8 +15,18 @@ use std::collections::{HashMap, HashSet};
 
 /// Maximum number of grid cells along the longest side, so that a cell's index fits in 64 bits.
 const FINEST: f64 = 2_000_000.;
-/// Bytes per triangle during merging and welding: vertices, triangles and their lookup tables.
-pub const BYTES: u64 = 320;
+/// Bytes per triangle during merging and welding, and for each of the vertices.
+const BYTES: [u64; 2] = [125, 65];
+
+/// Bytes that decimating `mesh` to `target` triangles takes: vertices, triangles and their lookup tables.
+pub fn bytes(mesh: &Mesh, target: usize) -> u64 {
+    let (triangles, target) = (mesh.faces.triangle_count(), target as u64);
+    let vertices = match triangles > target {
+        true => target / 2,
+        false => (mesh.positions.len() as u64).min(3 * triangles),
+    };
+    BYTES[0] * triangles.min(target) + BYTES[1] * vertices
+}
 
 /// A decimated mesh.
 #[derive(Clone, Debug, Default)]

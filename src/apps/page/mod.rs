@@ -175,7 +175,7 @@ impl Page<'_> {
         let separate = ["tiny_components_label", "walls_label"].iter().any(|&name| self.report[name].is_number());
         let shown = &Page { mesh, edits: edits.as_ref(), cuts: self.cuts.filter(|_| !separate), ..*self };
         let axes = picture::best_view(shown.mesh, Some(self.labels), self.colours.len(), run)?;
-        let bytes = decimate::BYTES * shown.mesh.faces.triangle_count().min(TRIANGLES as u64);
+        let bytes = decimate::bytes(shown.mesh, TRIANGLES);
         let _grant = run.budget.take("the page's mesh", bytes / 4, bytes)?;
         let decimated = Decimated::of(shown.mesh, TRIANGLES, run)?;
         let marked = shown.marked(run)?;
@@ -338,7 +338,7 @@ mod tests {
             edits: None,
             report: &json!({}),
         };
-        let run = Run { budget: Budget::new(decimate::BYTES), ..Run::new(&()) };
+        let run = Run { budget: Budget::new(decimate::bytes(&mesh, TRIANGLES)), ..Run::new(&()) };
         assert!(page.html(&run).unwrap().contains("\"faces\":1"));
     }
 }
