@@ -34,6 +34,58 @@ pub(super) fn parts(
     Ok(clustered)
 }
 
+/// The labels of nodes.
+struct NodeLabels {
+    /// The label of each node (n).
+    of_node: Vec<u32>,
+    /// Number of nodes of each label.
+    nodes: Vec<u64>,
+    /// The area of labels without a node, with the label and the node that it is in, the largest first.
+    minor: Vec<(f64, u32, usize)>,
+}
+
+impl NodeLabels {
+    /// Gives nodes to labels without one until `wanted` labels have some: the node with most of the label's area, or
+    /// else the first of `largest`, that is not the last of its own label.
+    fn reach(&mut self, wanted: usize, largest: impl FnOnce() -> Vec<usize>) {
+        let mut few = self.nodes.iter().filter(|nodes| **nodes > 0).count();
+        for (_, label, node) in self.minor.clone() {
+            few += usize::from(few < wanted && self.give(node, label));
+        }
+        if few < wanted {
+            let mut largest = largest().into_iter();
+            // A node that is the last of its label stays so.
+            let lost: Vec<u32> =
+                (0..self.nodes.len() as u32).filter(|&label| self.nodes[label as usize] == 0).collect();
+            for label in lost {
+                few += usize::from(few < wanted && largest.any(|node| self.give(node, label)));
+            }
+        }
+    }
+
+    /// Gives `node` to `label` if that has none, and the node is not the last of its own.
+    fn give(&mut self, node: usize, label: u32) -> bool {
+        let before = self.of_node[node] as usize;
+        let fits = self.nodes[label as usize] == 0 && self.nodes[before] > 1;
+        if fits {
+            (self.nodes[before], self.nodes[label as usize], self.of_node[node]) = (self.nodes[before] - 1, 1, label);
+        }
+        fits
+    }
+
+    /// The labels with nodes, and the new number of each label: one without nodes joins that of the node with most of
+    /// its area.
+    fn numbers(&self) -> (Vec<u32>, Vec<u32>) {
+        let kept: Vec<u32> = (0..self.nodes.len() as u32).filter(|&label| self.nodes[label as usize] > 0).collect();
+        let mut number = vec![0; self.nodes.len()];
+        (0..).zip(&kept).for_each(|(new, &old)| number[old as usize] = new);
+        for &(_, label, node) in self.minor.iter().rev().filter(|(_, label, _)| self.nodes[*label as usize] == 0) {
+            number[label as usize] = number[self.of_node[node] as usize];
+        }
+        (kept, number)
+    }
+}
+
 /// A mesh and its refinement.
 struct RefinedMesh<'a> {
     graph: &'a DualGraph,
@@ -74,14 +126,18 @@ impl RefinedMesh<'_> {
         context: Context<'_>,
     ) -> Result<Clustered> {
         let refined_parts = refined.numbers.faces.len();
-        let wanted = params.parts.count.least() + usize::from(refined.numbers.tiny_components_label.is_some());
-        let (label, number, kept) = self.most_of_faces(&refined.labels, refined_parts, wanted);
-        let quality = self.confidences(&refined, &label);
-        let label: Vec<u32> = label.iter().map(|&old| number[old as usize]).collect();
+        let tiny = self.tiny_nodes(refined.numbers.tiny_faces, inner)?;
+        let own = usize::from(refined.numbers.tiny_components_label.is_some());
+        let wanted = params.parts.count.least() + own;
+        let mut all = self.most_of_faces(&refined, &tiny);
+        all.reach(wanted, || self.largest(&tiny));
+        let (kept, number) = all.numbers();
+        let quality = self.confidences(&refined, &all.of_node);
+        let label: Vec<u32> = all.of_node.iter().map(|&old| number[old as usize]).collect();
         let moved = |own: Option<u32>| own.map(|old| number[old as usize]);
         let mut numbers = SegmentStats {
             landmarks: self.landmarks(&refined.numbers.landmarks),
-            tiny_faces: self.tiny_faces(refined.numbers.tiny_faces, inner)?,
+            tiny_faces: tiny.len() as u64,
             tiny_components_label: moved(refined.numbers.tiny_components_label),
             walls_label: moved(refined.numbers.walls_label),
             ..refined.numbers
@@ -122,46 +178,44 @@ impl RefinedMesh<'_> {
         Ok(Clustered { labels, boundary_nodes: None, quality, numbers, marks, cell_labels })
     }
 
-    /// For each node the one of `parts` labels with most of its area; the new number of each label, and the labels that
-    /// nodes have. A label that has most of no node joins the one of the node with most of its area; if there would be
-    /// fewer than `wanted`, it gets that node, or the next one that is not the last of its label.
-    fn most_of_faces(&self, labels: &[u32], parts: usize, wanted: usize) -> (Vec<u32>, Vec<u32>, Vec<u32>) {
-        let fine = &self.refinement;
-        let (mut of_node, mut sums, mut nodes) = (Vec::new(), vec![0.; parts], vec![0u64; parts]);
-        // The area of labels in nodes that others have most of.
-        let mut minor = Vec::new();
-        for (node, own) in fine.of_nodes().enumerate() {
+    /// For each node the label with most of its area. Nodes in `tiny` components do not count, since they have no part
+    /// of their own.
+    fn most_of_faces(&self, refined: &Clustered, tiny: &BTreeSet<usize>) -> NodeLabels {
+        let (labels, numbers) = (&refined.labels, &refined.numbers);
+        let parts = numbers.faces.len();
+        let mut all = NodeLabels { of_node: Vec::new(), nodes: vec![0; parts], minor: Vec::new() };
+        if let Some(own) = numbers.tiny_components_label {
+            all.nodes[own as usize] = tiny.len() as u64;
+        }
+        let mut sums = vec![0.; parts];
+        for (node, own) in self.refinement.of_nodes().enumerate() {
             let mut found: Vec<u32> = own.clone().map(|k| labels[k]).collect();
             self.weights(own.clone()).zip(own).for_each(|(weight, k)| sums[labels[k] as usize] += weight);
             found.sort_unstable();
             found.dedup();
-            let most = found
-                .iter()
-                .fold(found[0], |most, &label| if sums[label as usize] > sums[most as usize] { label } else { most });
-            nodes[most as usize] += 1;
-            of_node.push(most);
-            let others = found.iter().filter(|label| **label != most);
-            minor.extend(others.map(|&label| (sums[label as usize], label, node)));
+            let larger =
+                |most: u32, &label: &u32| if sums[label as usize] > sums[most as usize] { label } else { most };
+            let most = found.iter().fold(found[0], larger);
+            all.of_node.push(most);
+            if !tiny.contains(&node) {
+                all.nodes[most as usize] += 1;
+                let others = found.iter().filter(|label| **label != most);
+                all.minor.extend(others.map(|&label| (sums[label as usize], label, node)));
+            }
             found.iter().for_each(|&label| sums[label as usize] = 0.);
         }
-        minor.retain(|(_, label, _)| nodes[*label as usize] == 0);
-        minor.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-        let mut few = nodes.iter().filter(|nodes| **nodes > 0).count();
-        for &(_, label, node) in &minor {
-            let before = of_node[node];
-            if few < wanted && nodes[label as usize] == 0 && nodes[before as usize] > 1 {
-                (nodes[before as usize], nodes[label as usize]) = (nodes[before as usize] - 1, 1);
-                of_node[node] = label;
-                few += 1;
-            }
-        }
-        let kept: Vec<u32> = (0..parts as u32).filter(|&label| nodes[label as usize] > 0).collect();
-        let mut number = vec![0; parts];
-        (0..).zip(&kept).for_each(|(new, &old)| number[old as usize] = new);
-        for &(_, label, node) in minor.iter().rev().filter(|(_, label, _)| nodes[*label as usize] == 0) {
-            number[label as usize] = number[of_node[node] as usize];
-        }
-        (of_node, number, kept)
+        all.minor.retain(|(_, label, _)| all.nodes[*label as usize] == 0);
+        all.minor.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        all
+    }
+
+    /// The nodes that are not in `tiny` components, the largest first.
+    fn largest(&self, tiny: &BTreeSet<usize>) -> Vec<usize> {
+        let area = |own: Range<usize>| own.map(|k| self.refinement.area(k)).sum::<f64>();
+        let mut all: Vec<(f64, usize)> =
+            self.refinement.of_nodes().map(area).zip(0..).filter(|(_, node)| !tiny.contains(node)).collect();
+        all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        all.into_iter().map(|(_, node)| node).collect()
     }
 
     /// The weight of each of the triangles `own` of a node: its area, or 1 if none has any.
@@ -189,12 +243,13 @@ impl RefinedMesh<'_> {
         landmarks.iter().map(|&triangle| self.refinement.node(triangle)).filter(|&node| known.insert(node)).collect()
     }
 
-    /// The number of nodes in tiny components, if that of refined ones is `triangles`.
-    fn tiny_faces(&self, triangles: u64, inner: &WorkDir) -> Result<u64> {
+    /// The nodes in tiny components, if the number of refined ones is `triangles`.
+    fn tiny_nodes(&self, triangles: u64, inner: &WorkDir) -> Result<BTreeSet<usize>> {
         if triangles == 0 {
-            return Ok(0);
+            return Ok(BTreeSet::new());
         }
         let tiny = is_tiny(self.refinement.len(), inner)?;
-        Ok(self.refinement.of_nodes().filter(|own| tiny(own.start)).count() as u64)
+        let nodes = self.refinement.of_nodes().enumerate();
+        Ok(nodes.filter(|(_, own)| tiny(own.start)).map(|(node, _)| node).collect())
     }
 }
