@@ -138,8 +138,8 @@ impl Segmenter {
         self
     }
 
-    /// Computes rows over all faces even for a large mesh, instead of more rows over its contraction: slower, and parts
-    /// depend more on the seed.
+    /// Computes rows over the mesh's own faces, not over the contraction of a large mesh, which is faster and steadier,
+    /// nor over the refinement of one of long triangles.
     #[must_use]
     pub fn exact(mut self, exact: bool) -> Self {
         self.params.exact = exact;
@@ -457,7 +457,8 @@ impl Hierarchy {
         &self.cells
     }
 
-    /// The mesh cut into exactly `parts` parts: one label per face, from 0 (faces). One pass over the faces.
+    /// The mesh cut into exactly `parts` parts: one label per face, from 0 (faces). If parts were decided on shorter
+    /// triangles, some may have no face. One pass over the faces.
     ///
     /// ```
     /// # fn main() -> nystrom_stream::Result<()> {

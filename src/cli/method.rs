@@ -143,7 +143,8 @@ pub struct DistanceArgs {
     /// with --exact, kmeans and two-means]
     #[arg(long, hide_short_help = true, value_parser = choice::<Sampling>())]
     pub sampling: Option<Sampling>,
-    /// Compute rows of distances over all faces even if the mesh is large, instead of more rows over a coarser copy
+    /// Compute rows of distances over the faces of the file, neither over a coarser copy of a large mesh nor over a
+    /// finer one of long triangles
     #[arg(long, hide_short_help = true)]
     pub exact: bool,
     /// Now the default

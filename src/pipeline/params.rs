@@ -85,8 +85,8 @@ pub struct SegmentParams {
     pub cluster: Cluster,
     /// How many parts, and how [`Cluster::Parts`] decides on them.
     pub parts: PartsParams,
-    /// Whether rows are computed over all faces whatever the size of the mesh. By default a large mesh is contracted
-    /// first, and there are more rows over the contraction.
+    /// Whether rows are computed over the mesh's own faces. By default a large mesh is contracted first, and there are
+    /// more rows over the contraction; with [`Cluster::Parts`], a mesh of long triangles is refined first.
     #[serde(default)]
     pub exact: bool,
     /// The treatment of components too small to be parts, with [`Cluster::Parts`]. With [`Cluster::Components`] they

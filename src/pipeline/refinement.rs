@@ -171,7 +171,7 @@ impl Refinement {
         let triples = |k: usize| [0, 1, 2].map(|d| self.corners[3 * k + d]);
         let positions: Vec<[f64; 3]> = self.positions.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
         let mesh = Mesh::from_vecs(positions, (0..self.nodes.len()).map(triples).collect())?;
-        DualGraph::build_silently(&mesh, &json!({"refinement": self.key}), context)
+        DualGraph::build_silently(&mesh, &of_refinement(&self.key), context)
     }
 
     /// The order of refined nodes, in the work directory of the refined mesh: it maps them to faces of the file, as
@@ -243,23 +243,27 @@ impl Refinement {
     }
 }
 
-/// The work directory of the refined mesh in `work` if the parts of the current mesh were decided there; `None` if its
-/// triangles are short, or with `exact` rows over its own faces.
+/// The work directory of the refined mesh in `work` if it was used for the current mesh; `None` if the triangles of
+/// that are short, or with `exact` rows over its own faces.
 ///
 /// # Errors
 /// As [`WorkDir::inner`].
 pub(super) fn in_use(work: &WorkDir, exact: bool) -> Result<Option<Arc<WorkDir>>> {
-    if exact || refinement_of(work).is_none() || !work.place(REFINED).exists() {
-        return Ok(None);
-    }
-    work.inner(REFINED).map(Some)
+    let Some(key) = current_key(work).filter(|_| !exact && work.place(REFINED).exists()) else { return Ok(None) };
+    let inner = work.inner(REFINED)?;
+    let made_of = inner.manifest().stages.remove(GraphStage::NAME).map(|graph| graph.inputs["input"].clone());
+    Ok((made_of == Some(of_refinement(&key))).then_some(inner))
 }
 
-/// The recorded number of refined triangles of the current mesh in `work`, if it is refined.
-fn refinement_of(work: &WorkDir) -> Option<usize> {
-    let manifest = work.manifest();
-    let graph = manifest.stages.get(GraphStage::NAME)?;
-    let record = manifest.stages.get(RefinementStage::NAME).filter(|record| record.inputs["graph"] == graph.key)?;
+/// The identity of the refined mesh `key`.
+fn of_refinement(key: &str) -> Value {
+    json!({"refinement": key})
+}
+
+/// The key of the refinement of the current mesh in `work`, if it is refined.
+fn current_key(work: &WorkDir) -> Option<String> {
     let facts = work.recorded_facts::<RefinementStage<'_>>()?;
-    (facts.triangles > 0 && record.version == RefinementStage::VERSION).then_some(facts.triangles)
+    let mut stages = work.manifest().stages;
+    let (graph, record) = (stages.remove(GraphStage::NAME)?, stages.remove(RefinementStage::NAME)?);
+    (facts.triangles > 0 && record.inputs["graph"] == graph.key).then_some(record.key)
 }

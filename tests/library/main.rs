@@ -19,6 +19,7 @@ mod evaluate_metrics;
 mod front_door;
 mod held;
 mod large_pages;
+mod long_triangles;
 mod means_contracted;
 mod oracles;
 mod page;

@@ -153,7 +153,8 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
         "kmeans" and "two-means" twice the parts, 10 to 60, above 60,000 faces 60.
     sampling: "farthest", "distance-weighted", "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy" or
         "pooled-greedy"; by default farthest, and distance-weighted if parts of a mesh above 60,000 faces are found on its contraction.
-    exact: compute rows of distances over all faces even if the mesh is large, instead of over its contraction.
+    exact: compute rows of distances over the faces of the mesh, neither over the contraction of a large mesh nor over the
+        refinement of one of long triangles.
     metric: "scale-free" (with `beta`, `eta`), "paper" (`delta`, `eta`) or "geodesic".
     order: in which faces are processed: "auto", "keep" or "hilbert".
     kernel, sigma, normalise, unit_rows: the embedding of "kmeans" and "two-means".
