@@ -32,7 +32,7 @@ def joined(first, *others):
 def hinge():
     leaves = [box(1, 1.5, 0.06, (side * 0.55, 0, 0)) for side in (-1, 1)]
     knuckles = [cylinder(0.29, 0.12, (0, -0.6 + 0.3 * i, 0.06), 64, (90, 0, 0)) for i in range(5)]
-    solid = joined(*leaves, *knuckles, cylinder(1.6, 0.06, turned=(90, 0, 0)))
+    solid = joined(*leaves, *knuckles, cylinder(1.6, 0.06, (0, 0, 0.06), turned=(90, 0, 0)))
     holes = [cylinder(1, 0.07, (x, y, 0), 40) for x in (-0.75, 0.75) for y in (-0.5, 0, 0.5)]
     return solid - joined(*holes)
 
