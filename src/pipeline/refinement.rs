@@ -17,6 +17,7 @@ use crate::graph::dual::GraphStage;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::mesh::Mesh;
 use crate::mesh::long_edges::{FineTriangles, area_and_length};
+use crate::store::manifest::MANIFEST;
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::stage::{BuiltStage, Stage};
 use crate::store::{Context, MappedSlice, WorkDir};
@@ -249,7 +250,9 @@ impl Refinement {
 /// # Errors
 /// As [`WorkDir::inner`].
 pub(super) fn in_use(work: &WorkDir, exact: bool) -> Result<Option<Arc<WorkDir>>> {
-    let Some(key) = current_key(work).filter(|_| !exact && work.place(REFINED).exists()) else { return Ok(None) };
+    // A run that was killed may have left the folder alone; a temporary directory holds its manifest in memory.
+    let begun = if work.is_temporary() { work.place(REFINED) } else { work.place(REFINED).join(MANIFEST) };
+    let Some(key) = current_key(work).filter(|_| !exact && begun.exists()) else { return Ok(None) };
     let inner = work.inner(REFINED)?;
     let made_of = inner.manifest().stages.remove(GraphStage::NAME).map(|graph| graph.inputs["input"].clone());
     Ok((made_of == Some(of_refinement(&key))).then_some(inner))
