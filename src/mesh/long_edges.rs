@@ -93,33 +93,27 @@ impl FineTriangles {
             face: Vec::with_capacity(corners.len() + more),
             ..Self::default()
         };
-        for ((&[a, b, c], long), &face) in corners.iter().zip(long).zip(&face) {
+        for ((corner, long), &face) in corners.iter().zip(long).zip(&face) {
             let mut split = |a: u32, b: u32| {
                 *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
                     positions.push(middle(positions[a as usize], positions[b as usize]));
                     positions.len() as u32 - 1
                 })
             };
-            match long {
+            // Turned so that the edge unlike the other two comes first.
+            let odd = long.iter().filter(|long| **long).count() == 1;
+            let turn = long.iter().position(|long| *long == odd).unwrap_or(0);
+            let [a, b, c] = [0, 1, 2].map(|k| corner[(k + turn) % 3]);
+            match [0, 1, 2].map(|k| long[(k + turn) % 3]) {
                 [false, false, false] => all.corners.push([a, b, c]),
                 [true, true, true] => {
                     let [ab, bc, ca] = [split(a, b), split(b, c), split(c, a)];
                     all.corners.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
                 }
-                [true, false, false] => all.corners.extend(halves([a, b, c], split(a, b))),
-                [false, true, false] => all.corners.extend(halves([b, c, a], split(b, c))),
-                [false, false, true] => all.corners.extend(halves([c, a, b], split(c, a))),
-                [false, true, true] => {
+                [true, ..] => all.corners.extend(halves([a, b, c], split(a, b))),
+                [false, ..] => {
                     let new = [split(b, c), split(c, a)];
                     all.corners.extend(thirds([a, b, c], new, &positions));
-                }
-                [true, false, true] => {
-                    let new = [split(c, a), split(a, b)];
-                    all.corners.extend(thirds([b, c, a], new, &positions));
-                }
-                [true, true, false] => {
-                    let new = [split(a, b), split(b, c)];
-                    all.corners.extend(thirds([c, a, b], new, &positions));
                 }
             }
             all.face.resize(all.corners.len(), face);
