@@ -37,12 +37,20 @@ def hinge():
     return solid - joined(*holes)
 
 
-def gear(teeth=16):
+def gear(teeth=16, hub=0.3):
     turn = 2 * np.pi / teeth
     outline = [(r * np.cos((i + f) * turn), r * np.sin((i + f) * turn)) for i in range(teeth)
                for f, r in ((0, 0.8), (0.25, 0.8), (0.35, 1), (0.65, 1), (0.75, 0.8))]
     disc = Manifold.extrude(CrossSection([np.array(outline)]), 0.25)
-    return disc + cylinder(0.4, 0.3, (0, 0, 0.125)) - cylinder(2, 0.15)
+    return (disc + cylinder(0.4, hub, (0, 0, 0.125)) if hub else disc) - cylinder(2, 0.15)
+
+
+def sprocket():
+    return gear(hub=None)
+
+
+def fine_gear():
+    return gear(24)
 
 
 def heatsink():
@@ -87,7 +95,8 @@ def table():
 
 SOLIDS = {"hinge": (hinge, 0.015), "gear": (gear, 0.014), "heatsink": (heatsink, 0.025), "comb": (comb, 0.015),
           "nut": (nut, 0.015), "crown": (crown, 0.014), "bricks": (bricks, 0.013), "pipes": (pipes, 0.022),
-          "table": (table, 0.02)}
+          "table": (table, 0.02),
+          "sprocket": (sprocket, 0.014), "fine_gear": (fine_gear, 0.014)}
 
 
 def write(solid, path):

@@ -24,7 +24,7 @@ const MOVES: usize = 8;
 const SAMPLE: usize = 500;
 /// An image farther from all points than this many radii, by position and normal, belongs to something that exists on
 /// one side only.
-const REACH: f64 = 3.0;
+pub const REACH: f64 = 3.0;
 /// Maximum mean distance of images from the nearest points, in radii, for a plane to be a mirror plane; it is .9 for
 /// points drawn at random.
 const CLOSE: f64 = 1.2;
@@ -126,6 +126,11 @@ impl<'a> NearestPoint<'a> {
         Self { set, slots: Groups::of(SLOTS as usize, slots.zip(0..)) }
     }
 
+    /// What is searched.
+    pub fn set(&self) -> PointSet<'a> {
+        self.set
+    }
+
     /// The point nearest to `point` by position and normal, and their distance in space; `None` if none is within
     /// [`REACH`].
     pub fn find(&self, point: SurfacePoint) -> Option<(u32, f64)> {
@@ -158,7 +163,7 @@ fn slot(cube: [i64; 3]) -> u32 {
 /// The mirror planes of a surface, best first: at most three.
 pub fn mirror_planes(nearest: &NearestPoint<'_>) -> Vec<Plane> {
     let PointSet { points, shares, radius } = nearest.set;
-    let mean = points.iter().zip(shares).fold([0.0; 3], |sum, (point, &share)| add_scaled(sum, share, point.position));
+    let mean = centroid(points, shares);
     let mut found: Vec<(f64, Plane)> = Vec::new();
     for normal in axes(points.iter().zip(shares).map(|(point, &share)| (share, minus(point.position, mean)))) {
         let mut plane = Plane { normal, offset: dot(normal, mean) };
@@ -184,6 +189,11 @@ pub fn mirror_planes(nearest: &NearestPoint<'_>) -> Vec<Plane> {
     found.into_iter().map(|(_, plane)| plane.on_grid()).collect()
 }
 
+/// The mean position of points by their shares.
+pub fn centroid(points: &[SurfacePoint], shares: &[f64]) -> [f64; 3] {
+    points.iter().zip(shares).fold([0.0; 3], |sum, (point, &share)| add_scaled(sum, share, point.position))
+}
+
 /// The plane that best maps points onto the points nearest to their images under `plane`; `None` if it is too different
 /// from `plane`.
 fn moved(plane: Plane, nearest: &NearestPoint<'_>) -> Option<Plane> {
@@ -205,14 +215,22 @@ fn moved(plane: Plane, nearest: &NearestPoint<'_>) -> Option<Plane> {
 
 /// Eigenvectors of the second moments of weighted vectors, the greatest value first.
 fn axes(vectors: impl Iterator<Item = (f64, [f64; 3])>) -> Vec<[f64; 3]> {
+    moments(vectors).map_or_else(Vec::new, |(_, axes)| axes.to_vec())
+}
+
+/// Second moments about `centre` along their principal axes, the greatest first, and the axes; `None` if positions are
+/// not finite or all the same.
+pub fn second_moments(points: &[SurfacePoint], shares: &[f64], centre: [f64; 3]) -> Option<([f64; 3], [[f64; 3]; 3])> {
+    moments(points.iter().zip(shares).map(|(point, &share)| (share, minus(point.position, centre))))
+}
+
+fn moments(vectors: impl Iterator<Item = (f64, [f64; 3])>) -> Option<([f64; 3], [[f64; 3]; 3])> {
     let mut sum = [0.0; 6];
     for (w, v) in vectors {
         sum.iter_mut().zip(products(v)).for_each(|(sum, x)| *sum += w * x);
     }
-    if !sum.iter().all(|x| x.is_finite()) || sum[..3].iter().sum::<f64>() == 0.0 {
-        return Vec::new();
-    }
-    principal_axes(sum).1.to_vec()
+    let is_some = sum.iter().all(|x| x.is_finite()) && sum[..3].iter().sum::<f64>() != 0.0;
+    is_some.then(|| principal_axes(sum))
 }
 
 /// The sign of the side from which pairs are taken, if `above` of the `seeds` are above the plane. It is above unless

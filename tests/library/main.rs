@@ -29,6 +29,7 @@ mod ply_flavours;
 mod ply_labelled;
 mod ply_mutations;
 mod progress;
+mod rotations;
 mod roughness;
 mod scale_order;
 mod strays;

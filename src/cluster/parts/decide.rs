@@ -5,6 +5,7 @@
 //!
 //! It works on some two thousand cells whatever the mesh: tenths of a second, and up to 40 MB outside the budget.
 
+use super::ambiguous::without_ambiguous;
 use super::answer::PartDecision;
 use super::cell_graph::{CellGraph, class_sums};
 use super::ensemble::Superfaces;
@@ -14,8 +15,10 @@ use super::matrix::Square;
 use super::symmetry::both_sides::Sides;
 use super::symmetry::cell_map::Surface;
 use super::symmetry::limbs::limb_maps;
-use super::symmetry::mirror_images::{LEAST_LIKENESS, MirrorImages, mirror_images, symmetrised};
+use super::symmetry::mirror_images::{CellImages, LEAST_LIKENESS, divided, mirror_images, symmetrised};
 use super::symmetry::reflection::reflection;
+use super::symmetry::rotations::rotations;
+use super::symmetry::turned_parts::Turns;
 use super::{Decision, PartsParams, consensus, labelling};
 use crate::base::{Error, Result};
 use crate::spectral::anchor::LandmarkDistances;
@@ -90,48 +93,130 @@ pub fn decide(
     run.stage("parts", "segmentations", segmentations as u64, work)
 }
 
-/// The decision on the superfaces in `found`, symmetrised over both sides, if there are two, and over similar limbs.
+/// The decision on the superfaces in `found`, symmetrised over rotations, over both sides, if there are two, and over
+/// similar limbs.
 fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, run: &Run) -> Result<PartDecision> {
     let CoAssociation { superfaces, log_thickness, c } = found;
     let shares = cells.area_shares();
     let surface = Surface::new(cells, &shares, &log_thickness);
     let limbs = surface.as_ref().map_or_else(Vec::new, limb_maps);
+    let turns = rotations(cells, &shares);
     let planes = mirror_images(cells, &shares);
     let has_plane = planes.first().is_some_and(|best| best.likeness(&shares) >= LEAST_LIKENESS);
     let posed = match &surface {
-        Some(surface) if !has_plane => reflection(surface, run)?,
+        Some(surface) if !has_plane && turns.is_empty() => reflection(surface, run)?,
         _ => None,
     };
     // The best plane comes last, or the reflection, so that its symmetry is exact.
-    let sides: Vec<&MirrorImages> = planes.iter().rev().chain(&posed).collect();
-    let decided = |superfaces: Superfaces, c: Square| -> Result<PartDecision> {
-        let maps = limbs.iter().map(Vec::as_slice).chain(sides.iter().map(|side| std::slice::from_ref(*side)));
-        let alike = maps.fold(c, |c, maps| symmetrised(&c, &superfaces.of_cell, &shares, maps));
+    let sides: Vec<&CellImages> = planes.iter().rev().chain(&posed).collect();
+    let deciding = Deciding { cells, shares: &shares, limbs: &limbs, turns: &turns, sides: &sides, small_part, run };
+    if turns.is_empty() && posed.is_none() {
+        let (alike, label) = deciding.labels(&superfaces, c);
+        return deciding.decision(superfaces, alike, &label);
+    }
+    let (alike, label) = deciding.labels(&superfaces, c.clone());
+    let Some(images) = &posed else { return deciding.turned(superfaces, &c, alike, &label) };
+    // Superfaces need not end at the image of a cut on the other side; the parts show where they must.
+    let decided = deciding.decision(superfaces, alike, &label)?;
+    let parts = decided.tree.cut_detail(0.0);
+    let of_cell = &decided.superfaces.of_cell;
+    let (of_piece, count) = images.cut_at_images(cells, &shares, of_cell, &parts.label);
+    if count == decided.superfaces.len() {
+        return Ok(decided);
+    }
+    let (finer, c) = deciding.finer(of_cell, of_piece, count, &c)?;
+    // Adding a missing image makes one more part; slivers from inaccurate images make several.
+    let (alike, label) = deciding.labels(&finer, c);
+    let cut = deciding.decision(finer, alike, &label)?;
+    Ok(if cut.tree.cut_detail(0.0).parts > parts.parts + 1 { decided } else { cut })
+}
+
+/// A surface, what maps it onto itself, and how to decide on it.
+struct Deciding<'a> {
+    cells: &'a CellGraph,
+    shares: &'a [f64],
+    /// Maps of similar limbs, group by group.
+    limbs: &'a [Vec<CellImages>],
+    /// Rotations.
+    turns: &'a [CellImages],
+    /// Maps of left and right, the best last.
+    sides: &'a [&'a CellImages],
+    small_part: f64,
+    run: &'a Run<'a>,
+}
+
+impl Deciding<'_> {
+    /// The co-association averaged over all maps.
+    fn averaged(&self, superfaces: &Superfaces, c: Square) -> Square {
+        let limbs = self.limbs.iter().map(Vec::as_slice);
+        let maps = limbs.chain([self.turns]).chain(self.sides.iter().map(|side| std::slice::from_ref(*side)));
+        let some = maps.filter(|maps| !maps.is_empty());
+        some.fold(c, |c, maps| symmetrised(&c, &superfaces.of_cell, self.shares, maps))
+    }
+
+    fn two_sides(&self, superfaces: &Superfaces) -> Option<Sides> {
+        self.sides.last().map(|map| Sides::new(superfaces, self.shares, map))
+    }
+
+    /// The averaged co-association, and the labels of superfaces, both sides alike, without ambiguous patches.
+    fn labels(&self, superfaces: &Superfaces, c: Square) -> (Square, Vec<u32>) {
+        let alike = self.averaged(superfaces, c);
         let mut best = labelling::best_labelling(&superfaces.area, &alike);
-        let two = sides.last().map(|map| Sides::new(&superfaces, &shares, map));
-        if let Some(two) = &two {
+        if let Some(two) = self.two_sides(superfaces) {
             best = two.cut_alike(&best, &alike);
         }
-        let tree = labelling::soft_hierarchy(cells, &superfaces, &alike, &best, two.as_ref(), small_part, run)?;
-        Ok(PartDecision::of(superfaces, alike, tree))
-    };
-    let Some(images) = &posed else { return decided(superfaces, c) };
-    let uncut = decided(superfaces, c.clone())?;
-    // Superfaces need not end at the image of a cut on the other side; the parts show where they must.
-    let parts = uncut.tree.cut_detail(0.0);
-    let of_cell = &uncut.superfaces.of_cell;
-    let (of_piece, count) = images.cut_at_images(cells, &shares, of_cell, &parts.label);
-    if count == uncut.superfaces.len() {
-        return Ok(uncut);
+        let label = without_ambiguous(self.cells, superfaces, &alike, &best);
+        (alike, label)
     }
-    let area = class_sums(&of_piece, &cells.area, count);
-    let finer = Superfaces::kept(of_piece, area).ok_or_else(|| Error::internal("a superface without cells"))?;
-    let whole = finer.labels(of_cell);
-    let row = |&x: &u32| whole.iter().map(|&y| c[(x as usize, y as usize)]).collect::<Vec<f64>>();
-    let c = Square::from_values(count, whole.iter().flat_map(row).collect());
-    // Adding a missing image makes one more part; slivers from inaccurate images make several.
-    let cut = decided(finer, c)?;
-    Ok(if cut.tree.cut_detail(0.0).parts > parts.parts + 1 { uncut } else { cut })
+
+    fn decision(&self, superfaces: Superfaces, alike: Square, label: &[u32]) -> Result<PartDecision> {
+        let two = self.two_sides(&superfaces);
+        let (two, small, run) = (two.as_ref(), self.small_part, self.run);
+        let tree = labelling::soft_hierarchy(self.cells, &superfaces, &alike, label, two, small, run)?;
+        Ok(PartDecision::of(superfaces, alike, tree))
+    }
+
+    /// The decision with the parts `label` (R) made equal under rotations; `c` is the co-association before it was
+    /// averaged.
+    fn turned(&self, superfaces: Superfaces, c: &Square, alike: Square, label: &[u32]) -> Result<PartDecision> {
+        let of_cell = &superfaces.of_cell;
+        let before: Vec<u32> = of_cell.iter().map(|&x| label[x as usize]).collect();
+        let turned = Turns { cells: self.cells, shares: self.shares, maps: self.turns }.alike(&before);
+        let (of_piece, count) = divided(of_cell, &turned, self.shares);
+        let label = majorities(&of_piece, count, &turned, self.shares);
+        if count == superfaces.len() {
+            return self.decision(superfaces, alike, &label);
+        }
+        let (finer, c) = self.finer(of_cell, of_piece, count, c)?;
+        let alike = self.averaged(&finer, c);
+        self.decision(finer, alike, &label)
+    }
+
+    /// The `count` superfaces `of_piece` (S) into which the superfaces `of_cell` (S) are divided, and their
+    /// co-association.
+    fn finer(&self, of_cell: &[u32], of_piece: Vec<u32>, count: usize, c: &Square) -> Result<(Superfaces, Square)> {
+        let area = class_sums(&of_piece, &self.cells.area, count);
+        let finer = Superfaces::kept(of_piece, area).ok_or_else(|| Error::internal("a superface without cells"))?;
+        let whole = finer.labels(of_cell);
+        let row = |&x: &u32| whole.iter().map(|&y| c[(x as usize, y as usize)]).collect::<Vec<f64>>();
+        let c = Square::from_values(count, whole.iter().flat_map(row).collect());
+        Ok((finer, c))
+    }
+}
+
+/// For each of `count` superfaces, `of_cell` (S), the label of most of its area; `label` and `shares` are those of
+/// cells (S).
+fn majorities(of_cell: &[u32], count: usize, label: &[u32], shares: &[f64]) -> Vec<u32> {
+    let mut sums: Vec<Vec<(u32, f64)>> = vec![Vec::new(); count];
+    for ((&x, &label), share) in of_cell.iter().zip(label).zip(shares) {
+        let sums = &mut sums[x as usize];
+        match sums.iter_mut().find(|(other, _)| *other == label) {
+            Some((_, sum)) => *sum += share,
+            None => sums.push((label, *share)),
+        }
+    }
+    let most = |sums: &Vec<(u32, f64)>| sums.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
+    sums.iter().map(|sums| most(sums).map_or(0, |(label, _)| label)).collect()
 }
 
 /// Validates the input and makes it safe to compute with.

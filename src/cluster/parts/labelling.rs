@@ -16,7 +16,6 @@
 //! Cost for R superfaces, a few hundred, two thousand under strong noise: R² per round of moves; C, and an R × R matrix
 //! for each thread that the budget has room for.
 
-use super::ambiguous::without_ambiguous;
 use super::cell_graph::{CellGraph, class_sums, compact};
 use super::ensemble::Superfaces;
 use super::hierarchy::{CellUnion, HALF, PartTree};
@@ -200,8 +199,9 @@ pub fn best_labelling(area: &[f64], co_association: &Square) -> Vec<u32> {
     RandObjective { area, co_association }.best(&everything, HALF)
 }
 
-/// The hierarchy of cells, given the probabilities C that their superfaces belong together, and the labelling at ½ to
-/// start from ([`best_labelling`]). If the surface has two `sides`, twins are joined one after the other.
+/// The hierarchy of cells, given the probabilities C that their superfaces belong together, and the labels (R) of the
+/// parts at ½ ([`best_labelling`], without [`super::ambiguous`] patches). If the surface has two `sides`, twins are
+/// joined one after the other.
 ///
 /// # Errors
 /// Cancellation.
@@ -209,7 +209,7 @@ pub fn soft_hierarchy(
     cells: &CellGraph,
     superfaces: &Superfaces,
     co_association: &Square,
-    best: &[u32],
+    label: &[u32],
     sides: Option<&Sides>,
     small_part: f64,
     run: &Run,
@@ -217,7 +217,7 @@ pub fn soft_hierarchy(
     let n = superfaces.len();
     let objective = RandObjective { area: &superfaces.area, co_association };
     let everything: Vec<u32> = (0..n as u32).collect();
-    let label = without_ambiguous(cells, superfaces, co_association, best);
+    let label = compact(label).0;
     let boundaries = superfaces.shared_boundaries(cells).into_iter();
     let touching = boundaries.filter(|&(.., length)| length > 0.0).map(|(a, b, _)| (a, b)).collect();
     let levels_of = HierarchyLevels { touching, objective, sides };

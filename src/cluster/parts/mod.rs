@@ -11,7 +11,7 @@
 //!   [`inflation`].
 //! - Its mean over the ensemble, by log odds, is the co-association: a probability for any two [`Superfaces`].
 //! - If the surface is its own mirror image, or a posed body is symmetric along its surface, both sides are decided
-//!   alike ([`symmetry`]).
+//!   alike ([`symmetry`]); so is what rotations map onto itself.
 //! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches, and a whole
 //!   [`hierarchy`] around them.
 //! - [`hints`] changes a labelling according to people's edits; `split` divides a part further along the hierarchy.

@@ -11,7 +11,7 @@
 
 use super::cell_graph::{CellGraph, connected_pieces};
 use super::matrix::Square;
-use super::symmetry::mirror_images::{MirrorImages, superface_images};
+use super::symmetry::mirror_images::{CellImages, superface_images};
 use super::thickness::tangents;
 use crate::base::moments::{about_mean, principal_axes, products};
 use crate::base::vector::{axpy, dot, minus};
@@ -111,7 +111,7 @@ impl Plate {
 
     /// For each cell of a side, the cell of the other side nearest to its mirror image, in the same connected piece;
     /// cells of the rim have none.
-    fn opposite(&self, cells: &CellGraph) -> MirrorImages {
+    fn opposite(&self, cells: &CellGraph) -> CellImages {
         let inside = |i: usize| !self.is_rim[i];
         // Plates may lie on each other.
         let (piece, _) = connected_pieces(&cells.pairs, &vec![0; cells.len()]);
@@ -127,7 +127,7 @@ impl Plate {
         };
         let found: Vec<Option<usize>> =
             (0..cells.len()).map(|i| Some(i).filter(|&i| inside(i)).and_then(nearest)).collect();
-        MirrorImages {
+        CellImages {
             image: found.iter().zip(0u32..).map(|(j, i)| j.map_or(i, |j| j as u32)).collect(),
             weight: found.iter().map(|j| f64::from(u8::from(j.is_some()))).collect(),
         }

@@ -8,7 +8,7 @@
 //! Cost: R² for each part that has such an image, and R times the number of images for each change. Twins: R times the
 //! number of images.
 
-use super::mirror_images::{MirrorImages, superface_images};
+use super::mirror_images::{CellImages, superface_images};
 use crate::base::sort::order_by;
 use crate::base::vector::MapEach;
 use crate::cluster::parts::cell_graph::{class_sums, compact};
@@ -49,7 +49,7 @@ struct OneSided {
 
 impl Sides {
     /// The two sides of `superfaces` under `map`. `shares` are the areas of the cells (S).
-    pub fn new(superfaces: &Superfaces, shares: &[f64], map: &MirrorImages) -> Sides {
+    pub fn new(superfaces: &Superfaces, shares: &[f64], map: &CellImages) -> Sides {
         let n = superfaces.len();
         let (mut images, sure) = superface_images(n, &superfaces.of_cell, shares, map);
         for (images, sure) in images.iter_mut().zip(sure) {
@@ -169,7 +169,7 @@ mod tests {
             _ => others,
         };
         let c = Square::from_values(4, (0..16).map(value).collect());
-        let map = MirrorImages { image: vec![3, 2, 1, 0], weight: vec![0.9; 4] };
+        let map = CellImages { image: vec![3, 2, 1, 0], weight: vec![0.9; 4] };
         Sides::new(&superfaces, &areas, &map).cut_alike(&label, &c)
     }
 
@@ -192,8 +192,8 @@ mod tests {
     fn twins_are_images_of_each_other() {
         let areas = [0.2, 0.3, 0.3, 0.2];
         let superfaces = Superfaces::kept(vec![0, 1, 2, 3], areas.to_vec()).unwrap();
-        let mut map = MirrorImages { image: vec![3, 2, 1, 0], weight: vec![0.9; 4] };
-        let twins = |map: &MirrorImages, label: &[u32], parts| Sides::new(&superfaces, &areas, map).twins(label, parts);
+        let mut map = CellImages { image: vec![3, 2, 1, 0], weight: vec![0.9; 4] };
+        let twins = |map: &CellImages, label: &[u32], parts| Sides::new(&superfaces, &areas, map).twins(label, parts);
         assert_eq!(twins(&map, &[0, 1, 2, 3], 4), [3, 2, 1, 0]);
         assert_eq!(twins(&map, &[0, 1, 1, 2], 3), [2, 1, 0]);
         // A limb that is cut off on one side only has no twin.

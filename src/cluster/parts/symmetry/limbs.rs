@@ -11,7 +11,7 @@
 
 use super::cell_map::Surface;
 use super::cell_paths::{Row, UNREACHED};
-use super::mirror_images::MirrorImages;
+use super::mirror_images::CellImages;
 use super::tips::tips;
 use crate::base::sort::sort_by;
 
@@ -94,7 +94,7 @@ impl Limb {
 
 /// For each group of similar limbs, the maps that take every limb to another one, such that each is taken to each of
 /// the others: one map fewer than limbs. Cells on no limb are their own image, with weight 0.
-pub fn limb_maps(surface: &Surface<'_>) -> Vec<Vec<MirrorImages>> {
+pub fn limb_maps(surface: &Surface<'_>) -> Vec<Vec<CellImages>> {
     let tips = tips(surface, TIPS);
     let rows = surface.paths.rows(&tips);
     let limbs: Vec<Limb> = rows.into_iter().map(|row| Limb::new(row, surface.shares)).collect();
@@ -125,7 +125,7 @@ fn group_similar(limbs: &[Limb]) -> Vec<Vec<usize>> {
 }
 
 /// The maps of a `group` of `limbs` with these `tips`; `None` if they are not slender enough to be limbs.
-fn maps(group: &[usize], limbs: &[Limb], tips: &[u32], shares: &[f64]) -> Option<Vec<MirrorImages>> {
+fn maps(group: &[usize], limbs: &[Limb], tips: &[u32], shares: &[f64]) -> Option<Vec<CellImages>> {
     // Limbs are also cut off where they would overlap.
     let others = |i: usize| group.iter().filter(move |&&j| j != i).map(move |&j| 0.5 * limbs[i].row[tips[j] as usize]);
     let end = group.iter().flat_map(|&i| others(i).chain([limbs[i].steps as f32 * STEP])).fold(UNREACHED, f32::min);
@@ -151,7 +151,7 @@ fn maps(group: &[usize], limbs: &[Limb], tips: &[u32], shares: &[f64]) -> Option
                 weight[i as usize] = 1.0;
             }
         }
-        MirrorImages { image, weight }
+        CellImages { image, weight }
     };
     Some((1..members.len()).map(shifted).collect())
 }
@@ -171,7 +171,7 @@ mod tests {
             let groups = limb_maps(surface);
             let share = |from: fn([f64; 3]) -> bool, to: fn([f64; 3]) -> bool| {
                 let (from, to) = (cells_of(cells, from), cells_of(cells, to));
-                let there = |map: &MirrorImages| {
+                let there = |map: &CellImages| {
                     let comes = |&&i: &&usize| map.weight[i] > 0.0 && to.contains(&(map.image[i] as usize));
                     from.iter().filter(comes).count() as f64 / from.len() as f64
                 };

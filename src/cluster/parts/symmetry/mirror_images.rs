@@ -11,7 +11,7 @@ use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact, intersec
 use crate::cluster::parts::matrix::Square;
 use crate::spectral::exp::exp64;
 
-/// If the best plane has less [`MirrorImages::likeness`], the surface may be posed.
+/// If the best plane has less [`CellImages::likeness`], the surface may be posed.
 pub const LEAST_LIKENESS: f64 = 0.9;
 /// A superface is cut if both pieces have at least this share of it: less is within the inaccuracy of images.
 const CUT: f64 = 0.3;
@@ -20,14 +20,14 @@ const REACH: f64 = 2.0;
 
 /// The image of each cell under one plane, under a [`super::reflection`], or on another of several [`super::limbs`].
 #[derive(Clone, Debug)]
-pub struct MirrorImages {
+pub struct CellImages {
     /// The cell nearest to each cell's mirror image (S).
     pub image: Vec<u32>,
     /// How well it matches: 1 for a pair at the same position, e⁻¹ two radii apart, nearly 0 from three on (S).
     pub weight: Vec<f64>,
 }
 
-impl MirrorImages {
+impl CellImages {
     /// How symmetric the surface is: the mean weight by area; `shares` are the cells' areas (S).
     pub fn likeness(&self, shares: &[f64]) -> f64 {
         self.weight.iter().zip(shares).map(|(weight, share)| weight * share).sum()
@@ -48,48 +48,61 @@ impl MirrorImages {
             let sum = |part: u32| votes.iter().filter(|vote| vote.0 == part).map(|vote| vote.1).sum::<f64>();
             votes.iter().map(|vote| vote.0).max_by(|&a, &b| sum(a).total_cmp(&sum(b)).then(b.cmp(&a))).unwrap_or(0)
         };
-        let (pieces, count) = intersect(of_cell, &votes.iter().map(most).collect::<Vec<_>>());
-        let area = class_sums(&pieces, shares, count);
-        let superfaces = of_cell.iter().map(|&x| x as usize + 1).max().unwrap_or(0);
-        let whole = class_sums(of_cell, shares, superfaces);
-        let mut largest = vec![None; superfaces];
-        for (&piece, &superface) in pieces.iter().zip(of_cell) {
-            let best: &mut Option<u32> = &mut largest[superface as usize];
-            if best.is_none_or(|best| area[piece as usize] > area[best as usize]) {
-                *best = Some(piece);
-            }
-        }
-        let large = |(&piece, &superface): (&u32, &u32)| {
-            let is_large = area[piece as usize] >= CUT * whole[superface as usize];
-            if is_large { piece } else { largest[superface as usize].unwrap_or(piece) }
-        };
-        compact(&pieces.iter().zip(of_cell).map(large).collect::<Vec<_>>())
+        let image_part: Vec<u32> = votes.iter().map(most).collect();
+        divided(of_cell, &image_part, shares)
+    }
+
+    /// The images of all cells, at `points`, under a motion: the cells nearest to them.
+    pub fn under(
+        motion: impl Fn(SurfacePoint) -> SurfacePoint,
+        points: &[SurfacePoint],
+        nearest: &NearestPoint<'_>,
+    ) -> Self {
+        let seen = points.iter().zip(0u32..).map(|(p, k)| nearest.find(motion(*p)).unwrap_or((k, f64::INFINITY)));
+        let (image, far): (Vec<u32>, Vec<f64>) = seen.unzip();
+        let reach = REACH * nearest.set().radius;
+        Self { image, weight: far.iter().map(|d| exp64(-(d / reach).powi(4))).collect() }
     }
 }
 
-/// The images of all cells, with areas `shares` (S), under each mirror plane, the best plane first.
-pub fn mirror_images(cells: &CellGraph, shares: &[f64]) -> Vec<MirrorImages> {
+/// Superfaces, `of_cell` (S), divided where the classes `class` (S) of cells with areas `shares` (S) end. Small pieces
+/// stay with the largest of their superface. Returns the new superface of each cell, and their number.
+pub fn divided(of_cell: &[u32], class: &[u32], shares: &[f64]) -> (Vec<u32>, usize) {
+    let (pieces, count) = intersect(of_cell, class);
+    let area = class_sums(&pieces, shares, count);
+    let superfaces = of_cell.iter().map(|&x| x as usize + 1).max().unwrap_or(0);
+    let whole = class_sums(of_cell, shares, superfaces);
+    let mut largest = vec![None; superfaces];
+    for (&piece, &superface) in pieces.iter().zip(of_cell) {
+        let best: &mut Option<u32> = &mut largest[superface as usize];
+        if best.is_none_or(|best| area[piece as usize] > area[best as usize]) {
+            *best = Some(piece);
+        }
+    }
+    let large = |(&piece, &superface): (&u32, &u32)| {
+        let is_large = area[piece as usize] >= CUT * whole[superface as usize];
+        if is_large { piece } else { largest[superface as usize].unwrap_or(piece) }
+    };
+    compact(&pieces.iter().zip(of_cell).map(large).collect::<Vec<_>>())
+}
+
+/// The centres and normals of all cells.
+pub(super) fn cell_points(cells: &CellGraph) -> Vec<SurfacePoint> {
     let point = |(&position, &normal): (&[f64; 3], &[f64; 3])| SurfacePoint { position, normal };
-    let points: Vec<SurfacePoint> = cells.centre.iter().zip(&cells.normal).map(point).collect();
-    let set = PointSet::new(&points, shares, cells.total_area());
-    let nearest = NearestPoint::new(set);
-    mirror_planes(&nearest)
-        .into_iter()
-        .map(|plane| {
-            let seen = points
-                .iter()
-                .zip(0u32..)
-                .map(|(point, k)| nearest.find(plane.image(*point)).unwrap_or((k, f64::INFINITY)));
-            let (image, far): (Vec<u32>, Vec<f64>) = seen.unzip();
-            let weight = far.iter().map(|d| exp64(-(d / (REACH * set.radius)).powi(4))).collect();
-            MirrorImages { image, weight }
-        })
-        .collect()
+    cells.centre.iter().zip(&cells.normal).map(point).collect()
+}
+
+/// The images of all cells, with areas `shares` (S), under each mirror plane, the best plane first.
+pub fn mirror_images(cells: &CellGraph, shares: &[f64]) -> Vec<CellImages> {
+    let points = cell_points(cells);
+    let nearest = NearestPoint::new(PointSet::new(&points, shares, cells.total_area()));
+    let planes = mirror_planes(&nearest).into_iter();
+    planes.map(|plane| CellImages::under(|point| plane.image(point), &points, &nearest)).collect()
 }
 
 /// The co-association of superfaces, C (R × R), averaged with those of their images under each of `maps`: `of_cell` is
 /// the superface of each cell (S), `shares` are the cells' areas (S).
-pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], maps: &[MirrorImages]) -> Square {
+pub fn symmetrised(c: &Square, of_cell: &[u32], shares: &[f64], maps: &[CellImages]) -> Square {
     let n = c.len();
     let maps: Vec<_> = maps.iter().map(|map| superface_images(n, of_cell, shares, map)).collect();
     let mut mean = c.clone();
@@ -123,7 +136,7 @@ pub(in crate::cluster::parts) fn superface_images(
     n: usize,
     of_cell: &[u32],
     shares: &[f64],
-    map: &MirrorImages,
+    map: &CellImages,
 ) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     let mut images: Vec<Vec<(u32, f64)>> = vec![Vec::new(); n];
     let (mut sure, area) = (vec![0.0; n], class_sums(of_cell, shares, n));
@@ -153,7 +166,7 @@ mod tests {
         // mapped wrongly.
         let cells =
             CellGraph { pairs: (1..12).map(|i| [i - 1, i]).collect(), area: vec![1.0; 12], ..CellGraph::default() };
-        let mut mirror = MirrorImages { image: (0..12).rev().collect(), weight: vec![1.0; 12] };
+        let mut mirror = CellImages { image: (0..12).rev().collect(), weight: vec![1.0; 12] };
         mirror.image[6] = 0;
         let part: Vec<u32> = (0..12).map(|i| u32::from(i >= 3)).collect();
         let (of_cell, count) = mirror.cut_at_images(&cells, &[1.0 / 12.0; 12], &part, &part);
@@ -171,7 +184,7 @@ mod tests {
         let of_cell: Vec<u32> =
             (0..cells).map(|k| if k < n { k as u32 } else { below(&mut random, n) as u32 }).collect();
         let shares: Vec<f64> = (0..cells).map(|_| 0.1 + unit(&mut random)).collect();
-        let mirror = MirrorImages {
+        let mirror = CellImages {
             image: (0..cells).map(|_| below(&mut random, cells) as u32).collect(),
             weight: (0..cells).map(|_| unit(&mut random)).collect(),
         };

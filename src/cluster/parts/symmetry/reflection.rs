@@ -7,7 +7,7 @@
 //! for 2,000 cells, whatever the size of the mesh, and .05 to .12 s for the second search.
 
 use super::cell_map::{CellMap, Surface};
-use super::mirror_images::MirrorImages;
+use super::mirror_images::CellImages;
 use super::{anchored, signs};
 use crate::base::Result;
 use crate::spectral::exp::exp64;
@@ -20,7 +20,7 @@ const REACH: f64 = 3.0;
 ///
 /// # Errors
 /// Cancellation.
-pub fn reflection(surface: &Surface<'_>, run: &Run) -> Result<Option<MirrorImages>> {
+pub fn reflection(surface: &Surface<'_>, run: &Run) -> Result<Option<CellImages>> {
     let maps = anchored::maps(surface, run)?;
     let dissimilarity = |map: &CellMap| surface.mean_dissimilarity(map);
     let reflections = maps.iter().filter(|map| surface.is_reflection(map));
@@ -30,7 +30,7 @@ pub fn reflection(surface: &Surface<'_>, run: &Run) -> Result<Option<MirrorImage
     };
     Ok(map.map(|map| {
         let doubt = map.dissimilarity.iter().zip(&map.back).map(|(cost, back)| cost.max(back / 2.0) / REACH);
-        MirrorImages { weight: doubt.map(|doubt| exp64(-doubt.powi(4))).collect(), image: map.image }
+        CellImages { weight: doubt.map(|doubt| exp64(-doubt.powi(4))).collect(), image: map.image }
     }))
 }
 
@@ -41,7 +41,7 @@ mod tests {
     use crate::cluster::parts::cell_graph::CellGraph;
     use crate::cluster::parts::thickness::log_thickness;
 
-    fn found(cells: &CellGraph) -> Option<MirrorImages> {
+    fn found(cells: &CellGraph) -> Option<CellImages> {
         let run = Run::new(&());
         let (shares, thickness) = (cells.area_shares(), log_thickness(cells, &run).unwrap());
         Surface::new(cells, &shares, &thickness).and_then(|surface| reflection(&surface, &run).unwrap())
@@ -50,7 +50,7 @@ mod tests {
     #[test]
     fn a_posed_body_has_a_left_and_a_right() {
         let cells = posed(true, true);
-        let MirrorImages { image, weight } = found(&cells).unwrap();
+        let CellImages { image, weight } = found(&cells).unwrap();
         for (from, to) in [(LEFT_ARM, RIGHT_ARM), (LEFT_LEG, RIGHT_LEG)] {
             let (from, to) = (cells_of(&cells, from), cells_of(&cells, to));
             let share = from.iter().filter(|&&i| to.contains(&(image[i] as usize))).count() as f64 / from.len() as f64;
@@ -62,7 +62,7 @@ mod tests {
     #[test]
     fn what_is_on_one_side_only_has_no_image() {
         let cells = posed(false, true);
-        let MirrorImages { weight, .. } = found(&cells).unwrap();
+        let CellImages { weight, .. } = found(&cells).unwrap();
         let mean = |part: Vec<usize>| part.iter().map(|&i| weight[i]).sum::<f64>() / part.len() as f64;
         let (arm, leg) = (mean(cells_of(&cells, |x| x[0] > 8.0)), mean(cells_of(&cells, LEFT_LEG)));
         assert!(arm < 0.1 && leg > 0.9, "{arm} {leg}");
@@ -71,7 +71,7 @@ mod tests {
     #[test]
     fn a_body_that_lacks_an_arm_and_a_leg_is_mirrored_without_them() {
         let cells = posed(false, false);
-        let MirrorImages { image, weight } = found(&cells).unwrap();
+        let CellImages { image, weight } = found(&cells).unwrap();
         let across = |i: usize| 0.5 * (cells.len() as f64).sqrt() * cells.centre[i][0];
         let trunk = cells_of(&cells, |x| x[0].abs() < 3.5 && x[2] > 1.0 && x[2] < 9.0);
         let mirrored = trunk.iter().filter(|&&i| (across(i) + across(image[i] as usize)).abs() < 2.0).count();

@@ -1,0 +1,233 @@
+//! Parts of a surface that rotations map onto itself: all teeth of a gear are cut, or none.
+//!
+//! The co-association is averaged over the rotations ([`super::mirror_images`]), but what is a close call may still be
+//! cut in some places only, and a disc breaks into arbitrary sectors. The majority decides: a part stays if at least
+//! half of its images are parts; then the others are cut out of the parts that they lie in. Otherwise, or if an image
+//! overlaps the part itself, as of a sector, it joins the neighbour with which most of its images lie in one part.
+//!
+//! This works on cells, since a superface may contain a tooth and what is beside it. Cost: S times the number of
+//! rotations for each change, and P² for each rotation.
+
+use super::mirror_images::CellImages;
+use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact};
+use crate::cluster::parts::matrix::Square;
+use std::ops::Range;
+
+/// Minimum intersection over union of an image and a part for the image to be that part.
+const SAME: f64 = 0.6;
+/// Minimum share of the images of a part that are parts.
+const MAJORITY: f64 = 0.5;
+/// Share of the part itself in an image, between these, for a part that overlaps its image.
+const OVERLAP: Range<f64> = 0.3..0.7;
+/// Minimum share of an image that lies in the part out of which it is cut.
+const INSIDE: f64 = 0.7;
+/// Minimum area that is left of that part, relative to the image.
+const REST: f64 = 0.5;
+
+/// A surface and the rotations that map it onto itself.
+pub struct Turns<'a> {
+    /// The cells.
+    pub cells: &'a CellGraph,
+    /// Their shares of the area (S).
+    pub shares: &'a [f64],
+    /// The images of cells under the rotations by 1/n, …, (n − 1)/n of a turn.
+    pub maps: &'a [CellImages],
+}
+
+/// How the parts of a labelling are mapped.
+struct Mapped {
+    /// Share of each part's images that are parts; 0 if an image overlaps the part (P).
+    support: Vec<f64>,
+    /// Images that are not parts: the part, and the rotation, counted from 0.
+    missing: Vec<(usize, usize)>,
+    /// How often the images of two parts lie in one (P × P).
+    together: Square,
+}
+
+impl Turns<'_> {
+    /// The labels `label` (S) of the cells, made equal under all rotations by majority.
+    pub fn alike(&self, label: &[u32]) -> Vec<u32> {
+        let (mut label, mut parts) = compact(label);
+        let beside = |label: &[u32], parts: usize| {
+            let mut beside = Square::zeros(parts);
+            for (&[i, j], &length) in self.cells.pairs.iter().zip(&self.cells.length) {
+                beside.add_both(label[i as usize] as usize, label[j as usize] as usize, length);
+            }
+            beside
+        };
+        // Each join leaves one part fewer.
+        loop {
+            let mapped = self.mapped(&label, parts);
+            let touch = beside(&label, parts);
+            let neighbour = |part: usize| {
+                let all = (0..parts).filter(|&other| other != part && touch[(part, other)] > 0.0);
+                all.max_by(|&a, &b| mapped.together[(part, a)].total_cmp(&mapped.together[(part, b)]).then(b.cmp(&a)))
+            };
+            let alone = (0..parts).filter(|&part| mapped.support[part] < MAJORITY);
+            let least = alone
+                .filter_map(|part| Some((part, neighbour(part)?)))
+                .min_by(|a, b| mapped.support[a.0].total_cmp(&mapped.support[b.0]));
+            let Some((part, into)) = least else { break };
+            label.iter_mut().filter(|k| **k == part as u32).for_each(|k| *k = into as u32);
+            (label, parts) = compact(&label);
+        }
+        // Of inexact images there may be no end.
+        for _ in 0..parts * self.maps.len() {
+            let missing = self.mapped(&label, parts).missing;
+            let Some(piece) = missing.into_iter().find_map(|(part, k)| self.piece(&label, part as u32, k)) else {
+                break;
+            };
+            piece.into_iter().for_each(|cell| label[cell] = parts as u32);
+            (label, parts) = compact(&label);
+        }
+        label
+    }
+
+    fn mapped(&self, label: &[u32], parts: usize) -> Mapped {
+        let area = class_sums(label, self.shares, parts);
+        let (mut support, mut all) = (vec![1.0; parts], vec![1.0; parts]);
+        let (mut missing, mut together) = (Vec::new(), Square::zeros(parts));
+        let mut overlaps = vec![false; parts];
+        for (k, map) in self.maps.iter().enumerate() {
+            let mut there = Square::zeros(parts);
+            for (cell, &part) in label.iter().enumerate() {
+                let image = label[map.image[cell] as usize] as usize;
+                there[(part as usize, image)] += self.shares[cell] * map.weight[cell];
+            }
+            for part in 0..parts {
+                let mapped: f64 = there.row(part).iter().sum();
+                // Where only some of a part is mapped, the image is that of the whole.
+                let scale = area[part] / mapped.max(1e-300);
+                let is_same = |other: usize| {
+                    let common = scale * there[(part, other)];
+                    common >= SAME * (area[part] + area[other] - common)
+                };
+                let sure = mapped / area[part].max(1e-300);
+                all[part] += sure;
+                overlaps[part] |= sure >= INSIDE && OVERLAP.contains(&(there[(part, part)] / mapped));
+                if (0..parts).any(is_same) {
+                    support[part] += sure;
+                } else if sure >= INSIDE {
+                    missing.push((part, k));
+                }
+                there.row_mut(part).iter_mut().for_each(|share| *share /= mapped.max(1e-300));
+            }
+            for a in 0..parts {
+                for b in 0..a {
+                    let both = there.row(a).iter().zip(there.row(b)).map(|(x, y)| x * y).sum::<f64>();
+                    together.add_both(a, b, both);
+                }
+            }
+        }
+        for part in 0..parts {
+            support[part] = if overlaps[part] { 0.0 } else { support[part] / all[part] };
+        }
+        Mapped { support, missing, together }
+    }
+
+    /// The cells of the `k`-th image of `part`, if they are to be cut out of another part.
+    fn piece(&self, label: &[u32], part: u32, k: usize) -> Option<Vec<usize>> {
+        let back = &self.maps[self.maps.len() - 1 - k];
+        let sign = |cell: usize| {
+            let comes = label[back.image[cell] as usize] == part && back.weight[cell] > 0.0;
+            if comes { self.shares[cell] } else { -self.shares[cell] }
+        };
+        // Images are off by a cell or two: majorities among neighbours decide.
+        let mut votes: Vec<f64> = (0..label.len()).map(sign).collect();
+        for &[i, j] in &self.cells.pairs {
+            votes[i as usize] += sign(j as usize);
+            votes[j as usize] += sign(i as usize);
+        }
+        let image: Vec<usize> = (0..label.len()).filter(|&cell| votes[cell] > 0.0).collect();
+        let sum = |cells: &mut dyn Iterator<Item = usize>| cells.map(|cell| self.shares[cell]).sum::<f64>();
+        let parts = label.iter().map(|&k| k as usize + 1).max()?;
+        let mut inside = vec![0.0; parts];
+        image.iter().for_each(|&cell| inside[label[cell] as usize] += self.shares[cell]);
+        let container = (0..parts).max_by(|&a, &b| inside[a].total_cmp(&inside[b]).then(b.cmp(&a)))?;
+        let whole = sum(&mut (0..label.len()).filter(|&cell| label[cell] == container as u32));
+        let [own, covered] =
+            [sum(&mut (0..label.len()).filter(|&cell| label[cell] == part)), sum(&mut image.iter().copied())];
+        let is_cut = inside[container] >= INSIDE * covered.max(own) && whole - inside[container] >= REST * covered;
+        is_cut.then(|| image.into_iter().filter(|&cell| label[cell] == container as u32).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cells per tooth and per sector of the disc.
+    const EACH: usize = 6;
+
+    /// A disc of `n` sectors in a ring with a tooth on each. Sector k has the cells 2 k · EACH …, its tooth the next.
+    fn gear(n: usize) -> (CellGraph, Vec<CellImages>) {
+        let all = 2 * n * EACH;
+        let mut cells = CellGraph { area: vec![1.0 / all as f64; all], ..CellGraph::default() };
+        let mut pair = |i: usize, j: usize| cells.pairs.push([i as u32, j as u32]);
+        for sector in 0..n {
+            let (disc, tooth, next) = (2 * sector * EACH, (2 * sector + 1) * EACH, 2 * (sector + 1) % (2 * n) * EACH);
+            (1..EACH).for_each(|i| pair(disc + i - 1, disc + i));
+            (1..EACH).for_each(|i| pair(tooth + i - 1, tooth + i));
+            (0..EACH).for_each(|i| pair(disc + i, next + i));
+            [0, 1].into_iter().for_each(|i| pair(disc + i, tooth + i));
+        }
+        cells.length = vec![0.1; cells.pairs.len()];
+        let image = |k: usize| (0..all).map(|cell| ((cell + 2 * k * EACH) % all) as u32).collect();
+        let maps = (1..n).map(|k| CellImages { image: image(k), weight: vec![0.95; all] }).collect();
+        (cells, maps)
+    }
+
+    fn alike(cells: &CellGraph, maps: &[CellImages], label: &[u32]) -> Vec<u32> {
+        Turns { cells, shares: &cells.area_shares(), maps }.alike(label)
+    }
+
+    /// Labels of a disc in one part, of which `cut` teeth are parts.
+    fn teeth(n: usize, cut: &[usize]) -> Vec<u32> {
+        let tooth = |k: usize| cut.iter().position(|&tooth| tooth == k).map_or(0, |part| part as u32 + 1);
+        (0..2 * n * EACH).map(|cell| if cell / EACH % 2 == 1 { tooth(cell / EACH / 2) } else { 0 }).collect()
+    }
+
+    /// Regression: 8 of 16 teeth of a gear were parts.
+    #[test]
+    fn all_teeth_are_cut_or_none() {
+        let (cells, maps) = gear(8);
+        let all = teeth(8, &[0, 1, 2, 3, 4, 5, 6, 7]);
+        let same = |label: Vec<u32>, expected: &[u32]| assert_eq!(compact(&label), compact(expected));
+        same(alike(&cells, &maps, &teeth(8, &[0, 1, 3, 4, 6])), &all);
+        same(alike(&cells, &maps, &teeth(8, &[2, 5, 6])), &teeth(8, &[]));
+        same(alike(&cells, &maps, &all), &all);
+    }
+
+    /// Regression: the disc of a gear without a hub was cut into sectors.
+    #[test]
+    fn sectors_are_joined_unless_there_is_one_for_each_rotation() {
+        let (cells, maps) = gear(8);
+        let all = teeth(8, &[0, 1, 2, 3, 4, 5, 6, 7]);
+        // Of three sectors of two and six turns.
+        let in_sectors = |start: [usize; 3]| -> Vec<u32> {
+            let sector = |cell: usize| start.iter().filter(|&&from| cell / EACH / 2 >= from).count() as u32;
+            all.iter().enumerate().map(|(cell, &k)| if k == 0 { 20 + sector(cell) } else { k }).collect()
+        };
+        assert_eq!(compact(&alike(&cells, &maps, &in_sectors([2, 3, 6]))), compact(&all));
+        let each: Vec<u32> = (0..all.len()).map(|cell| (cell / EACH) as u32).collect();
+        assert_eq!(alike(&cells, &maps, &each), each);
+    }
+
+    #[test]
+    fn images_off_by_a_cell_and_what_is_on_one_side_only_change_nothing() {
+        let (cells, mut maps) = gear(8);
+        // The last tooth is a part of its own that no rotation maps onto anything.
+        for map in &mut maps {
+            map.weight[15 * EACH..].fill(0.0);
+            map.image.swap(3, 2 * EACH + 1);
+            map.image.swap(5 * EACH, 6 * EACH + 3);
+        }
+        assert_eq!(alike(&cells, &maps, &teeth(8, &[7])), teeth(8, &[7]));
+        assert_eq!(alike(&cells, &maps, &teeth(8, &[])), teeth(8, &[]));
+        // Whatever the maps, it ends.
+        maps.iter_mut().enumerate().for_each(|(k, map)| map.image.rotate_left(7 * k + 5));
+        let label = alike(&cells, &maps, &teeth(8, &[0, 1, 3, 4, 6]));
+        assert_eq!(label.len(), 16 * EACH);
+        assert_eq!(alike(&cells, &[], &teeth(8, &[1])), teeth(8, &[1]));
+    }
+}
