@@ -9,6 +9,9 @@ use crate::mesh::Mesh;
 use crate::store::Run;
 use serde::{Deserialize, Serialize};
 
+/// Area in the frame below which a surface consists of points and lines up to rounding.
+pub const NO_AREA: f64 = 1e-12;
+
 /// The coordinates of all geometry: the bounding box of the finite vertices that faces use, translated to the origin
 /// and scaled to diagonal 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -14,6 +14,7 @@ use crate::base::vector::{add_scaled, area, distance};
 use crate::base::{Error, Result};
 use crate::cluster::contract::LARGE;
 use crate::graph::dual::GraphStage;
+use crate::graph::frame::NO_AREA;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::mesh::Mesh;
 use crate::mesh::long_edges::{FineTriangles, area_and_length};
@@ -42,8 +43,6 @@ const SHORT: f64 = 0.04;
 const LEAST: u64 = 20;
 /// Maximum number of triangles of a refined mesh.
 const MOST: usize = 4 * LARGE;
-/// Area, with the box's diagonal as the unit, below which a surface consists of points and lines up to rounding.
-pub(super) const NO_AREA: f64 = 1e-12;
 
 /// Refined triangles, and the nodes of the mesh that they lie on.
 #[derive(Clone, Debug)]
