@@ -27,6 +27,13 @@ pub struct Pieces {
     pub first: Vec<u32>,
 }
 
+impl Pieces {
+    /// Number of pieces.
+    pub fn count(&self) -> usize {
+        self.first.last().map_or(0, |end| *end as usize)
+    }
+}
+
 /// Divides the parts of `labels` (n) into `wanted` pieces in all, or one per node if there are fewer, in the array
 /// `file`. The part `whole`, if given, is divided last.
 ///

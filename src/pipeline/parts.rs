@@ -163,7 +163,8 @@ pub(super) fn parts(
     if divided {
         let wanted = wanted + usize::from(tiny_components_label.is_some());
         let pieces = divide(weighted.csr(), &labels, wanted, tiny_components_label, LABELS, context)?;
-        (labels, parts) = (pieces.labels, pieces.first.last().map_or(0, |end| *end as usize));
+        parts = pieces.count();
+        labels = pieces.labels;
         tiny_components_label = tiny_components_label.map(|label| pieces.first[label as usize]);
     }
     weighted.release(context.work)?;

@@ -157,7 +157,8 @@ impl RefinedMesh<'_> {
             let weighted = self.graph.weighted(params.metric, context)?;
             let pieces = divide(weighted.csr(), &labels, wanted, own, LABELS, context)?;
             weighted.release(context.work)?;
-            (labels, parts) = (pieces.labels, pieces.first.last().map_or(0, |end| *end as usize));
+            parts = pieces.count();
+            labels = pieces.labels;
             if parts < wanted {
                 let problem = "there are not enough faces for as many parts besides tiny components";
                 return Err(Error::parameter(params.parts.count.option(), problem, "request fewer parts"));
