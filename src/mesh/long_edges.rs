@@ -5,7 +5,7 @@
 //! with sides of equal length are divided alike, whatever their winding. So no gaps open, along shared edges or along
 //! open ones at the same positions, and faces that occur twice still do.
 //!
-//! Cost: a pass over all triangles for each halving. 40 bytes per triangle, and 24 per edge that is split in a pass.
+//! Cost: a pass over all triangles for each halving. 50 bytes per triangle, and 32 per edge that is split in a pass.
 
 use super::Mesh;
 use crate::base::vector::{area, distance, finite, middle};
@@ -20,6 +20,10 @@ pub struct FineTriangles {
     pub corners: Vec<[u32; 3]>,
     /// The face of the mesh that each triangle lies on (t), ascending; every face has one at least.
     pub face: Vec<u32>,
+    /// Which vertices of the mesh the first vertices are: a face, and the corner of it.
+    pub originals: Vec<[u32; 2]>,
+    /// The ends, which are earlier vertices, of the edges whose midpoints the other vertices are.
+    pub midpoints: Vec<[u32; 2]>,
 }
 
 impl FineTriangles {
@@ -30,6 +34,8 @@ impl FineTriangles {
             let before = all.corners.len();
             let mut vertex = |v: u32| {
                 *number.entry(v).or_insert_with(|| {
+                    let corner = corners.iter().position(|&own| own == v).unwrap_or_default();
+                    all.originals.push([face as u32, corner as u32]);
                     all.positions.push(place(mesh.positions.get(v)));
                     all.positions.len() as u32 - 1
                 })
@@ -41,6 +47,7 @@ impl FineTriangles {
                 match [0, 1, 2].map(corner) {
                     [Some(a), Some(b), Some(c)] => all.corners.push([a, b, c].map(&mut vertex)),
                     _ => {
+                        all.originals.push([face as u32, 0]);
                         all.positions.push([f64::NAN; 3]);
                         all.corners.push([all.positions.len() as u32 - 1; 3]);
                     }
@@ -86,8 +93,8 @@ impl FineTriangles {
 
     /// Splits the edges that are `long`, which makes as many triangles `more`.
     fn split(&mut self, long: &[[bool; 3]], more: usize) {
-        let Self { positions, corners, face } = std::mem::take(self);
-        let (mut positions, mut middles) = (positions, HashMap::new());
+        let Self { mut positions, corners, face, originals, mut midpoints } = std::mem::take(self);
+        let mut middles = HashMap::new();
         let mut all = Self {
             corners: Vec::with_capacity(corners.len() + more),
             face: Vec::with_capacity(corners.len() + more),
@@ -96,6 +103,7 @@ impl FineTriangles {
         for ((corner, long), &face) in corners.iter().zip(long).zip(&face) {
             let mut split = |a: u32, b: u32| {
                 *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                    midpoints.push([a.min(b), a.max(b)]);
                     positions.push(middle(positions[a as usize], positions[b as usize]));
                     positions.len() as u32 - 1
                 })
@@ -118,7 +126,7 @@ impl FineTriangles {
             }
             all.face.resize(all.corners.len(), face);
         }
-        *self = Self { positions, ..all };
+        *self = Self { positions, originals, midpoints, ..all };
     }
 }
 

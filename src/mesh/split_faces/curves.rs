@@ -42,13 +42,13 @@ pub(super) struct Curves<'a> {
 }
 
 impl<'a> Curves<'a> {
-    /// The shortest curves of `strip`.
+    /// The shortest curves of `strip` that pass through those of its boundary vertices that are `tied` in the mesh.
     ///
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
-    pub fn of(strip: &'a Strip, cancel: &Cancel) -> Result<Self> {
+    pub fn of(strip: &'a Strip, tied: &[bool], cancel: &Cancel) -> Result<Self> {
         let mut curves = Self { strip, label: strip.inner.clone(), along: vec![0.5; strip.edges.len()] };
-        curves.begin(&curves.tied());
+        curves.begin(&curves.tied(tied));
         let mut moved = vec![false; strip.vertices.len()];
         for round in 0..=ROUNDS {
             let crossed: Vec<u32> = (0..strip.edges.len() as u32).filter(|&e| curves.is_crossed(e)).collect();
@@ -83,11 +83,13 @@ impl<'a> Curves<'a> {
         }
     }
 
-    /// The vertices that the boundary has to pass through.
-    fn tied(&self) -> Vec<bool> {
+    /// The vertices that the boundary has to pass through: those `given` in the mesh, and others.
+    fn tied(&self, given: &[bool]) -> Vec<bool> {
         let strip = self.strip;
         let mut tied = vec![false; strip.vertices.len()];
         let mut tie = |v: u32| tied[v as usize] = strip.inner[v as usize].is_none();
+        let is_given = |v: u32| given.get(v as usize).is_some_and(|given| *given);
+        (0..).zip(&strip.vertices).filter(|(_, v)| is_given(**v)).for_each(|(v, _)| tie(v));
         for f in 0..strip.len() {
             if strip.triangle(f).is_none() || self.is_narrow(f) {
                 strip.face(f).iter().for_each(|&v| tie(v));

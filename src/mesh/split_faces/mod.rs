@@ -9,7 +9,9 @@
 //! Cost: three passes over the faces, 10 ns per face, and a microsecond or two per face of the strip; 250 bytes per
 //! corner of the strip.
 
+mod coalesce;
 mod curves;
+mod fine;
 mod pieces;
 mod strip;
 
@@ -19,6 +21,7 @@ use crate::mesh::geometry::{Mesh, one_per_face, too_many_vertices};
 use crate::store::Run;
 use crate::store::budget::Grant;
 use curves::{Curves, meeting, mixed};
+pub use fine::FineLabels;
 use pieces::Cut;
 use strip::Strip;
 pub(crate) use strip::boundary_vertices;
@@ -92,9 +95,15 @@ impl FaceSplit {
     /// [`crate::base::Error::Cancelled`], and [`crate::base::Error::Unusable`] where there would be more vertices than
     /// can be numbered.
     pub fn of(mesh: &Mesh, labels: &[u32], run: &Run) -> Result<Self> {
+        Self::through(mesh, labels, &[], run)
+    }
+
+    /// [`FaceSplit::of`], where boundaries pass through the vertices of the mesh that are `tied` (v; those beyond are
+    /// not).
+    fn through(mesh: &Mesh, labels: &[u32], tied: &[bool], run: &Run) -> Result<Self> {
         one_per_face("labels", labels.len(), mesh.faces.len())?;
         let strip = Strip::of(mesh, labels, run)?;
-        let curves = Curves::of(&strip, &run.cancel)?;
+        let curves = Curves::of(&strip, tied, &run.cancel)?;
         let mut split = Self { vertices: Vec::new(), pieces: Vec::new(), polygons: 0, first: mesh.positions.len() };
         // The new vertex at each edge's crossing.
         let mut points: Vec<Option<u32>> = vec![None; strip.edges.len()];

@@ -142,7 +142,7 @@ fn each_face(mesh: &Mesh, run: &Run, mut visit: impl FnMut(usize, &[u32])) -> Re
 }
 
 /// Whether hardly any vertex has two faces, as in an STL file: then positions identify vertices, not numbers.
-fn is_soup(mesh: &Mesh) -> bool {
+pub(super) fn is_soup(mesh: &Mesh) -> bool {
     mesh.faces.corner_count() < 2 * mesh.positions.len()
 }
 
