@@ -139,7 +139,7 @@ fn mesh_files(criterion: &mut Criterion) {
     let (run, faces) = (Run::new(&()), opened.faces.len());
     let labels: Vec<u32> = (0..faces as u32).map(|face| face / 1000 % 12).collect();
     let (colours, quality) = (nystrom_stream::apps::colours::assign(12, &[]), vec![0.5; faces]);
-    let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &[] };
+    let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &[], fine: None };
     let mut group = criterion.benchmark_group("mesh file");
     group.sample_size(10).throughput(Throughput::Elements(faces as u64));
     for (name, form) in [("binary", PlyForm::Binary), ("text", PlyForm::Ascii)] {

@@ -6,7 +6,8 @@
 //! # let scan = dir.path().join("scan.ply");
 //! # let creature = nystrom_stream::Mesh::creature(4_000)?;
 //! # let labels = vec![0; creature.faces.len()];
-//! # let plain = nystrom_stream::Labelling { labels: &labels, colours: &[[128; 3]], quality: None, names: &[] };
+//! # let plain =
+//! #     nystrom_stream::Labelling { labels: &labels, colours: &[[128; 3]], quality: None, names: &[], fine: None };
 //! # creature.save(&scan, plain)?;
 //! # let (scan, parts) = (&scan, dir.path().join("parts.ply"));
 //! use nystrom_stream::{Mesh, Segmenter};

@@ -58,7 +58,7 @@ impl Mesh {
     /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
     /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
     /// let colours = [[255, 0, 0], [0, 0, 255]];
-    /// mesh.save(&path, Labelling { labels: &[0, 1], colours: &colours, quality: None, names: &[] })?;
+    /// mesh.save(&path, Labelling { labels: &[0, 1], colours: &colours, quality: None, names: &[], fine: None })?;
     /// assert_eq!(std::fs::read_to_string(&path).unwrap(), "0\n1\n");
     /// # Ok(())
     /// # }

@@ -13,6 +13,7 @@ use crate::base::Result;
 use crate::cluster::parts::{Decision, PartCount, PartTree};
 use crate::graph::{Metric, Order};
 use crate::landmarks::Sampling;
+use crate::mesh::split_faces::FineLabels;
 use crate::mesh::{Labelling, Mesh, MeshSize};
 use crate::pipeline::decision::KeptDecision;
 use crate::pipeline::edits::Corrections;
@@ -274,6 +275,7 @@ impl Segmenter {
             Ok(Segmentation {
                 mesh: mesh.clone(),
                 labels: cut.labels,
+                fine: cut.fine.map(|(fine, _)| fine),
                 quality: cut.quality,
                 colours: cut.colours,
                 names: cut.names,
@@ -295,6 +297,7 @@ pub struct Segmentation {
     mesh: Mesh,
     labels: MappedSlice<u32>,
     quality: MappedSlice<f32>,
+    fine: Option<FineLabels>,
     colours: Vec<[u8; 3]>,
     names: Vec<String>,
     #[cfg(feature = "pages")]
@@ -367,7 +370,8 @@ impl Segmentation {
 
     /// Labels, colours and confidences in the form that writers take.
     pub fn labelling(&self) -> Labelling<'_> {
-        Labelling { labels: &self.labels, colours: &self.colours, quality: Some(&self.quality), names: &self.names }
+        let (quality, fine) = (Some(&self.quality[..]), self.fine.as_ref());
+        Labelling { labels: &self.labels, colours: &self.colours, quality, names: &self.names, fine }
     }
 
     /// Writes the labelled mesh in the format given by the extension of `path`: `.ply` with a colour per face, `.seg`,

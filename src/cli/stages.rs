@@ -434,8 +434,14 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
         if let Some(table) = table {
             table.give(&mut names, colours.len())?;
         }
-        let Labels { labels, quality, parts, edits, tiny_components_label, walls_label, .. } = kept;
-        let labelling = Labelling { labels: &labels, colours: &colours, quality: Some(&quality), names: &names };
+        let Labels { labels, quality, fine, parts, edits, tiny_components_label, walls_label, .. } = kept;
+        let labelling = Labelling {
+            labels: &labels,
+            colours: &colours,
+            quality: Some(&quality),
+            names: &names,
+            fine: fine.as_ref(),
+        };
         let agreement: Vec<f64> = parts.iter().filter_map(|part| part.expected_agreement).collect();
         let report = || {
             let input = json!({"path": record.mesh.to_string_lossy(), "faces": labels.len()});

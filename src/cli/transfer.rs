@@ -87,7 +87,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
         "input": {"path": args.to.to_string_lossy(), "faces": facts.faces, "vertices": to.positions.len()},
     });
     let (labels, quality) = (&result.labels[..], Some(&result.quality[..]));
-    let labelling = Labelling { labels, colours: &colours, quality, names: &found.names };
+    let labelling = Labelling { labels, colours: &colours, quality, names: &found.names, fine: None };
     let results = Results { report: report.clone(), ..Results::new(labelling, args.ply.into()) };
     results.write(&outputs, Some(&to), &run).map_err(|error| of_file(error, "labels", Some(of)))?;
     Ok(args.json.publish_with(report, bars.log())?)

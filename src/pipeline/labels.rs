@@ -5,7 +5,7 @@
 
 use super::edits::PartMarks;
 use super::params::SegmentParams;
-use super::refinement::RefinementStage;
+use super::refinement::{Refinement, RefinementStage};
 use super::surface::SurfaceStage;
 use crate::apps::colours;
 use crate::apps::edits::Edits;
@@ -20,6 +20,7 @@ use crate::graph::{DualGraph, GraphFacts, NodeOrder};
 use crate::landmarks::Sampling;
 use crate::mesh::Labelling;
 use crate::mesh::ply::labelled::GREY;
+use crate::mesh::split_faces::FineLabels;
 use crate::store::manifest::{MANIFEST, StageRecord};
 use crate::store::stage::{Stage, StageKey};
 use crate::store::{Context, MappedSlice, Run, WorkDir};
@@ -32,6 +33,8 @@ const CHUNK: usize = 1 << 15;
 pub const LABELS: &str = "labels.npy";
 /// The confidences.
 pub(super) const QUALITY: &str = "quality.npy";
+/// The face and the label of each refined triangle, if parts were decided on these.
+const REFINED_LABELS: &str = "refined_labels.npy";
 /// The stage that writes them.
 pub(super) const STAGE: &str = "labels";
 /// Version of the algorithm that decides on parts, given the cells.
@@ -106,6 +109,26 @@ pub(super) struct Clustered {
     pub marks: PartMarks,
     /// Part of each cell (S), if parts are decided on cells.
     pub cell_labels: Vec<u32>,
+    /// The parts on the mesh's refinement, if they were decided there.
+    pub on_refinement: Option<OnRefinement>,
+}
+
+/// Parts on the refinement of a mesh.
+pub(super) struct OnRefinement {
+    pub refinement: Refinement,
+    /// The label of each triangle (t).
+    pub labels: Vec<u32>,
+    /// Parts that touch each other there, as [`touching`] has them.
+    pub pairs: Vec<(u32, u32, f64)>,
+}
+
+impl OnRefinement {
+    /// Its labels as they are kept, and as writers take them, where the faces of the file have `labels`.
+    fn keep(&self, order: &NodeOrder, labels: &[u32], work: &WorkDir) -> Result<FineLabels> {
+        let own = (0..).zip(&self.labels).map(|(k, &label)| [order.face(self.refinement.node(k)), label]);
+        let of_face = work.write(REFINED_LABELS, own.collect::<Vec<_>>().as_flattened(), 2)?;
+        Ok(self.refinement.fine_labels(of_face, labels))
+    }
 }
 
 impl Clustered {
@@ -116,7 +139,8 @@ impl Clustered {
         quality: MappedSlice<f32>,
         numbers: SegmentStats,
     ) -> Self {
-        Self { labels, boundary_nodes, quality, numbers, marks: PartMarks::default(), cell_labels: Vec::new() }
+        let (marks, cell_labels) = (PartMarks::default(), Vec::new());
+        Self { labels, boundary_nodes, quality, numbers, marks, cell_labels, on_refinement: None }
     }
 }
 
@@ -155,6 +179,8 @@ pub struct SegmentedMesh {
     pub labels: MappedSlice<u32>,
     /// The confidence of each label, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
+    /// The labels on the mesh's refinement, and its key, if parts were decided there.
+    pub fine: Option<(FineLabels, String)>,
     /// One colour per part; adjacent parts differ.
     pub colours: Vec<[u8; 3]>,
     /// Name of each part, empty if it has none; the list is empty if no part has one.
@@ -172,7 +198,14 @@ pub struct SegmentedMesh {
 impl SegmentedMesh {
     /// Labels, colours, confidences and names in the form that writers take.
     pub fn labelling(&self) -> Labelling<'_> {
-        Labelling { labels: &self.labels, colours: &self.colours, quality: Some(&self.quality), names: &self.names }
+        let fine = self.fine.as_ref().map(|(fine, _)| fine);
+        Labelling {
+            labels: &self.labels,
+            colours: &self.colours,
+            quality: Some(&self.quality),
+            names: &self.names,
+            fine,
+        }
     }
 
     /// The parts, by label.
@@ -206,7 +239,9 @@ pub(super) fn stage_key(graph: &DualGraph, params: &SegmentParams, seed: u64) ->
 /// # Errors
 /// [`crate::base::Error::Io`].
 pub(super) fn begin(work: &WorkDir) -> Result<Option<StageRecord>> {
-    work.remove_record(STAGE)
+    let before = work.remove_record(STAGE)?;
+    work.remove(REFINED_LABELS);
+    Ok(before)
 }
 
 /// Brings labels into file order, colours the parts and records the result. The caller calls [`begin`] before it writes
@@ -218,11 +253,21 @@ pub(super) fn label(
     params: &SegmentParams,
     context: Context<'_>,
 ) -> Result<SegmentedMesh> {
-    let pairs = touching(graph, &clustered.labels, clustered.boundary_nodes.as_deref(), context.run)?;
+    let mut pairs = touching(graph, &clustered.labels, clustered.boundary_nodes.as_deref(), context.run)?;
+    if let Some(refined) = &clustered.on_refinement {
+        // Where faces are split, other parts touch.
+        pairs.extend_from_slice(&refined.pairs);
+        pairs.sort_by_key(|&(a, b, _)| (a, b));
+        pairs.dedup_by_key(|pair| (pair.0, pair.1));
+    }
     let mut numbers = clustered.numbers;
     numbers.landmarks.iter_mut().for_each(|node| *node = order.face(*node));
     let labels = order.restore(LABELS, clustered.labels, context)?;
     let quality = order.restore(QUALITY, clustered.quality, context)?;
+    let fine = clustered.on_refinement.map(|refined| {
+        let fine = refined.keep(&order, &labels, context.work)?;
+        Ok((fine, refined.refinement.key().to_owned()))
+    });
     let mut colours = colours::assign(numbers.faces.len(), &pairs);
     if let Some(tiny_components) = numbers.tiny_components_label {
         colours[tiny_components as usize] = GREY;
@@ -242,13 +287,14 @@ pub(super) fn label(
         cell_labels: clustered.cell_labels,
         labels,
         quality,
+        fine: fine.transpose()?,
         order: order.facts,
         graph: graph.facts.clone(),
         numbers,
     };
     let facts = LabelFacts { edits, corrected, decision, ..LabelFacts::of(&result) };
     let stage = stage_key(graph, params, context.run.seed);
-    context.work.record_stage(stage, &[LABELS, QUALITY], &facts, 0.)?;
+    context.work.record_stage(stage, files(&result), &facts, 0.)?;
     Ok(result)
 }
 
@@ -268,7 +314,24 @@ pub(super) fn keep_as(stage: Option<StageRecord>, result: &SegmentedMesh, work: 
     let key = StageKey { name: STAGE, version: LABELS_VERSION, key: stage.key, inputs: stage.inputs };
     let LabelFacts { edits, corrected, decision, .. } = before;
     let facts = LabelFacts { edits, corrected, decision, ..LabelFacts::of(result) };
-    work.record_stage(key, &[LABELS, QUALITY], &facts, 0.)
+    work.record_stage(key, files(result), &facts, 0.)
+}
+
+/// The files of `result`.
+fn files(result: &SegmentedMesh) -> &'static [&'static str] {
+    let all = &[LABELS, QUALITY, REFINED_LABELS];
+    if result.fine.is_some() { all } else { &all[..2] }
+}
+
+/// Gives the parts of the `fine` labels other numbers, the new one of each in `number`, as in the `labels` of faces.
+///
+/// # Errors
+/// [`crate::base::Error::Io`].
+pub(super) fn renumber_fine(fine: FineLabels, number: &[u32], labels: &[u32], work: &WorkDir) -> Result<FineLabels> {
+    let new = |two: &[u32]| [two[0], number.get(two[1] as usize).copied().unwrap_or(two[1])];
+    let all: Vec<[u32; 2]> = fine.triangles.chunks_exact(2).map(new).collect();
+    let triangles = work.write(REFINED_LABELS, all.as_flattened(), 2)?;
+    Ok(FineLabels { triangles, belongs_to: FineLabels::hash(labels), ..fine })
 }
 
 /// The options used for the labels in `work`; `cluster` may have been run with others than those in the record.
@@ -284,6 +347,8 @@ pub struct Labels {
     pub labels: MappedSlice<u32>,
     /// The confidence of each label, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
+    /// The labels on the mesh's refinement, if parts were decided there.
+    pub fine: Option<FineLabels>,
     /// The parts, by label.
     pub parts: Vec<Part>,
     /// The edits that produced them.
@@ -315,13 +380,17 @@ struct LabelFacts {
     pub tiny_components_label: Option<u32>,
     /// [`SegmentStats::walls_label`].
     pub walls_label: Option<u32>,
+    /// The key of the refinement that the parts were decided on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refinement: Option<String>,
 }
 
 impl LabelFacts {
     /// Of labels that nobody has corrected.
     fn of(result: &SegmentedMesh) -> Self {
         let SegmentStats { tiny_components_label, walls_label, .. } = result.numbers;
-        Self { parts: result.parts(), tiny_components_label, walls_label, ..Self::default() }
+        let refinement = result.fine.as_ref().map(|(_, key)| key.clone());
+        Self { parts: result.parts(), tiny_components_label, walls_label, refinement, ..Self::default() }
     }
 }
 
@@ -344,8 +413,9 @@ impl Labels {
         let quality = work.array_of(QUALITY, labels.len())?;
         let edits =
             facts.edits.as_ref().map(|text| Edits::of_text(text.as_bytes(), &work.place(MANIFEST))).transpose()?;
-        let LabelFacts { parts, corrected, tiny_components_label, walls_label, .. } = facts;
-        Ok(Self { labels, quality, parts, edits, corrected, tiny_components_label, walls_label })
+        let LabelFacts { parts, corrected, tiny_components_label, walls_label, refinement, .. } = facts;
+        let fine = refinement.map(|key| fine_labels(&key, &labels, parts.len(), work)).transpose()?.flatten();
+        Ok(Self { labels, quality, fine, parts, edits, corrected, tiny_components_label, walls_label })
     }
 
     /// One colour per part.
@@ -358,6 +428,17 @@ impl Labels {
         let some = self.parts.iter().any(|part| part.name.is_some());
         self.parts.iter().filter(|_| some).map(|part| part.name.clone().unwrap_or_default()).collect()
     }
+}
+
+/// The labels on the refinement `key` in `work`, below `parts`, where faces have `labels`; `None` if the mesh has
+/// another refinement by now.
+fn fine_labels(key: &str, labels: &[u32], parts: usize, work: &WorkDir) -> Result<Option<FineLabels>> {
+    let Some(refinement) = Refinement::with_key(key, labels.len(), work)? else { return Ok(None) };
+    let of_face = work.array_of::<u32>(REFINED_LABELS, 2 * refinement.len())?;
+    if of_face.chunks_exact(2).any(|two| two[0] as usize >= labels.len() || two[1] as usize >= parts) {
+        return Err(work.damaged(REFINED_LABELS, "has a face or a label that does not exist"));
+    }
+    Ok(Some(refinement.fine_labels(of_face, labels)))
 }
 
 /// Pairs of adjacent parts, ascending, with the length of their common boundary in the frame (at least 1e-9).

@@ -220,6 +220,11 @@ pub fn apply_reference_numbering(
     facts.missing = (0..parts as u32).filter(|&part| known[part as usize] && faces[part as usize] == 0).collect();
     let least = LEAST_CONFIDENCE[usize::from(facts.method == TransferMethod::Shape)];
     facts.needs_check = facts.confidence < least || facts.ambiguous || !facts.missing.is_empty() || some_unknown;
+    let fine = result.fine.map(|(fine, key)| {
+        let fine = labels::renumber_fine(fine, &number, &labels, context.work)?;
+        Ok((fine, key))
+    });
+    result.fine = fine.transpose()?;
     result.labels = labels;
     result.colours = (0..parts as u32).map(|part| colour_of(reference.colours, part)).collect();
     result.colours.resize(all, GREY);

@@ -1,9 +1,10 @@
 //! The default method on a mesh of any kind of triangles: if they are long, parts are decided on its refinement, and
-//! each face gets the label that has most of its area.
+//! each face gets the label that has most of its area. The labels of the refined triangles are kept, for outputs whose
+//! faces are split.
 //!
 //! Cost: that of [`parts`], on the mesh or on the refined one, which has at most 240,000 faces.
 
-use super::labels::{self, Clustered, LABELS, QUALITY, SegmentStats};
+use super::labels::{self, Clustered, LABELS, OnRefinement, QUALITY, SegmentStats, touching};
 use super::params::SegmentParams;
 use super::parts::{self, PartRequests};
 use super::refinement::Refinement;
@@ -13,7 +14,7 @@ use crate::cluster::divide::divide;
 use crate::cluster::part_totals::PartTotals;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::store::{Context, WorkDir};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 /// Cuts the mesh of `graph`, whose nodes are in `order`.
@@ -111,7 +112,7 @@ impl RefinedMesh<'_> {
         let central = |node: &u32| fine.central(fine.of_node(*node));
         let places: Vec<Vec<u32>> = nodes.iter().map(|nodes| nodes.iter().map(central).collect()).collect();
         let clustered = parts::parts(&graph, (&order, &places), params, requests, within)?;
-        let clustered = self.on_faces(clustered, params, &inner, context)?;
+        let clustered = self.on_faces(clustered, &graph, params, &inner, context)?;
         // Those of the refined mesh, which nobody reads.
         [LABELS, QUALITY].iter().for_each(|name| inner.remove(name));
         Ok(clustered)
@@ -121,6 +122,7 @@ impl RefinedMesh<'_> {
     fn on_faces(
         &self,
         refined: Clustered,
+        graph: &DualGraph,
         params: &SegmentParams,
         inner: &WorkDir,
         context: Context<'_>,
@@ -134,6 +136,10 @@ impl RefinedMesh<'_> {
         let (kept, number) = all.numbers();
         let quality = self.confidences(&refined, &all.of_node);
         let label: Vec<u32> = all.of_node.iter().map(|&old| number[old as usize]).collect();
+        let mut fine: Vec<u32> = refined.labels.iter().map(|&old| number[old as usize]).collect();
+        self.dissolve(&mut fine, &label, graph);
+        let pairs = touching(graph, &fine, None, context.run)?;
+        let mut on_refinement = Some(OnRefinement { refinement: self.refinement.clone(), labels: fine, pairs });
         let moved = |own: Option<u32>| own.map(|old| number[old as usize]);
         let mut numbers = SegmentStats {
             landmarks: self.landmarks(&refined.numbers.landmarks),
@@ -166,6 +172,8 @@ impl RefinedMesh<'_> {
             numbers.tiny_components_label = own.map(|label| pieces.first[label as usize]);
             numbers.walls_label = numbers.walls_label.map(|label| pieces.first[label as usize]);
             cell_labels.clear();
+            // Pieces are those of faces.
+            on_refinement = None;
             if let Some(decision) = &mut numbers.decision {
                 decision.expected_agreement.clear();
             }
@@ -176,7 +184,7 @@ impl RefinedMesh<'_> {
             totals.area[part as usize] += f64::from(self.graph.nodes.at(node).area);
         }
         let numbers = SegmentStats { faces: totals.faces, area: totals.area, ..numbers };
-        Ok(Clustered { labels, boundary_nodes: None, quality, numbers, marks, cell_labels })
+        Ok(Clustered { labels, boundary_nodes: None, quality, numbers, marks, cell_labels, on_refinement })
     }
 
     /// For each node the label with most of its area. Nodes in `tiny` components do not count, since they have no part
@@ -208,6 +216,35 @@ impl RefinedMesh<'_> {
         all.minor.retain(|(_, label, _)| all.nodes[*label as usize] == 0);
         all.minor.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
         all
+    }
+
+    /// Gives each connected piece of `fine` labels (t) that has most of no node with that label (n) the one around it.
+    fn dissolve(&self, fine: &mut [u32], label: &[u32], graph: &DualGraph) {
+        let shared = graph.edges.shared();
+        let mut seen = vec![false; fine.len()];
+        for start in 0..fine.len() as u32 {
+            if std::mem::replace(&mut seen[start as usize], true) {
+                continue;
+            }
+            let own = fine[start as usize];
+            let (mut piece, mut next, mut around) = (vec![start], 0, BTreeMap::new());
+            while let Some(&k) = piece.get(next) {
+                for (e, j) in shared.entries(k) {
+                    if fine[j as usize] != own {
+                        *around.entry(fine[j as usize]).or_default() += f64::from(shared.length(k, e).abs());
+                    } else if !std::mem::replace(&mut seen[j as usize], true) {
+                        piece.push(j);
+                    }
+                }
+                next += 1;
+            }
+            let longer =
+                |most: (u32, f64), (label, length): (u32, f64)| if length > most.1 { (label, length) } else { most };
+            let (most, length) = around.into_iter().fold((own, 0.), longer);
+            if length > 0. && piece.iter().all(|&k| label[self.refinement.node(k) as usize] != own) {
+                piece.iter().for_each(|&k| fine[k as usize] = most);
+            }
+        }
     }
 
     /// The nodes that are not in `tiny` components, the largest first.

@@ -8,7 +8,7 @@
 //! are contracted, nothing is gained by more.
 //!
 //! Cost: one pass over the triangles of a mesh below that size. If they are long, at most [`MOST`] triangles are made,
-//! in memory, and kept with 28 bytes each on disk; parts are then decided on that many.
+//! in memory, and kept with 32 bytes each on disk; parts are then decided on that many.
 
 use crate::base::vector::{add_scaled, area, distance};
 use crate::base::{Error, Result};
@@ -18,6 +18,7 @@ use crate::graph::frame::NO_AREA;
 use crate::graph::{DualGraph, NodeOrder};
 use crate::mesh::Mesh;
 use crate::mesh::long_edges::{FineTriangles, area_and_length};
+use crate::mesh::split_faces::FineLabels;
 use crate::store::manifest::MANIFEST;
 use crate::store::needs::{BudgetEstimate, Extent, Needs};
 use crate::store::stage::{BuiltStage, Stage};
@@ -32,6 +33,10 @@ const REFINED: &str = "refined";
 const POSITIONS: &str = "refined_positions.npy";
 const CORNERS: &str = "refined_corners.npy";
 const NODES: &str = "refined_nodes.npy";
+/// Of vertices of the mesh, a node and a corner of it; of the others, the two between which they are midpoints.
+const PARENTS: &str = "refined_parents.npy";
+/// What to do if it is missing.
+const REMEDY: &str = "recreate it with the original options: stage `record`";
 /// The face of the file for each refined triangle, if faces were sorted.
 const ORDER: &str = "refined_order.npy";
 /// Mean length of triangles, in units of √area, from which a mesh is refined. The benchmark has up to .095;
@@ -53,6 +58,10 @@ pub(super) struct Refinement {
     corners: MappedSlice<u32>,
     /// The node of each triangle (t), ascending.
     nodes: MappedSlice<u32>,
+    /// A node and a corner of it for each vertex of the mesh, then the ends of the edge for each midpoint (v × 2).
+    parents: MappedSlice<u32>,
+    /// How many vertices are vertices of the mesh.
+    originals: usize,
     key: String,
 }
 
@@ -71,11 +80,13 @@ pub(super) struct RefinementFacts {
     length: f64,
     /// Refined triangles; 0 if the mesh is not refined.
     triangles: usize,
+    /// How many of their vertices are vertices of the mesh.
+    originals: usize,
 }
 
 impl Stage for RefinementStage<'_> {
     const NAME: &'static str = "refinement";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Facts = RefinementFacts;
     type Output = Option<Refinement>;
 
@@ -86,15 +97,18 @@ impl Stage for RefinementStage<'_> {
     fn make(self, key: &str, context: Context<'_>) -> Result<BuiltStage<Self>> {
         let (length, fine) = self.refined();
         let Some(fine) = fine else {
-            return Ok(BuiltStage { output: None, facts: RefinementFacts { length, triangles: 0 }, files: Vec::new() });
+            let facts = RefinementFacts { length, triangles: 0, originals: 0 };
+            return Ok(BuiltStage { output: None, facts, files: Vec::new() });
         };
         let work = context.work;
         let positions = work.write(POSITIONS, fine.positions.as_flattened(), 3)?;
         let corners = work.write(CORNERS, fine.corners.as_flattened(), 3)?;
         let nodes = work.write(NODES, &fine.face, 1)?;
-        let facts = RefinementFacts { length, triangles: nodes.len() };
-        let output = Refinement { positions, corners, nodes, key: key.to_string() };
-        Ok(BuiltStage { output: Some(output), facts, files: vec![POSITIONS, CORNERS, NODES] })
+        let originals = fine.originals.len();
+        let parents = work.write(PARENTS, [fine.originals, fine.midpoints].concat().as_flattened(), 2)?;
+        let facts = RefinementFacts { length, triangles: nodes.len(), originals };
+        let output = Refinement { positions, corners, nodes, parents, originals, key: key.to_string() };
+        Ok(BuiltStage { output: Some(output), facts, files: vec![POSITIONS, CORNERS, NODES, PARENTS] })
     }
 
     fn open(self, facts: RefinementFacts, key: &str, context: Context<'_>) -> Result<Option<Refinement>> {
@@ -139,10 +153,9 @@ impl Refinement {
     /// # Errors
     /// [`Error::WorkDir`] if it is missing or damaged.
     pub fn kept(graph: &DualGraph, work: &WorkDir) -> Result<Option<Self>> {
-        let remedy = "recreate it with the original options: stage `record`";
-        let kept = work.finished_stage::<RefinementStage<'_>>(remedy)?;
+        let kept = work.finished_stage::<RefinementStage<'_>>(REMEDY)?;
         if kept.inputs["graph"] != graph.key {
-            return Err(Error::work_dir(work.path(), "refinement: it does not belong to the graph", remedy));
+            return Err(Error::work_dir(work.path(), "refinement: it does not belong to the graph", REMEDY));
         }
         Self::open(kept.facts, kept.key, graph.nodes.len(), work)
     }
@@ -158,7 +171,8 @@ impl Refinement {
         if !all || !of_node.windows(2).all(|two| two[0] == two[1] || two[0] + 1 == two[1]) {
             return Err(work.damaged(NODES, "does not name every face in order"));
         }
-        Ok(Some(Self { positions, corners, nodes: of_node, key }))
+        let parents = work.array_of(PARENTS, positions.len() / 3 * 2)?;
+        Ok(Some(Self { positions, corners, nodes: of_node, parents, originals: facts.originals, key }))
     }
 
     /// The work directory of the refined mesh within `work`.
@@ -185,6 +199,35 @@ impl Refinement {
             }
         };
         Ok(NodeOrder { order: Some(of_file), facts: order.facts })
+    }
+
+    /// The labels of its triangles as those of the mesh are kept, `of_face` (t × 2) with the face of the file and the
+    /// label of each, where the file's faces have `labels`.
+    pub fn fine_labels(&self, of_face: MappedSlice<u32>, labels: &[u32]) -> FineLabels {
+        FineLabels {
+            triangles: of_face,
+            corners: self.corners.clone(),
+            parents: self.parents.clone(),
+            originals: self.originals,
+            belongs_to: FineLabels::hash(labels),
+        }
+    }
+
+    /// The refinement with the `key` in `work`, of a mesh of `nodes` faces; `None` if it is another one by now.
+    ///
+    /// # Errors
+    /// [`Error::WorkDir`] if it is damaged.
+    pub fn with_key(key: &str, nodes: usize, work: &WorkDir) -> Result<Option<Self>> {
+        if work.manifest().stages.get(RefinementStage::NAME).is_none_or(|kept| kept.key != key) {
+            return Ok(None);
+        }
+        let kept = work.finished_stage::<RefinementStage<'_>>(REMEDY)?;
+        Self::open(kept.facts, kept.key, nodes, work)
+    }
+
+    /// Its key.
+    pub fn key(&self) -> &str {
+        &self.key
     }
 
     /// Number of triangles.

@@ -177,7 +177,8 @@ fn a_work_directory_gets_no_stages_of_a_file_that_is_gone() {
     let dir = tempfile::tempdir().unwrap();
     let (path, other) = (dir.path().join("a.ply"), dir.path().join("b.ply"));
     let written = |mesh: Mesh, path: &Path| {
-        let labelling = Labelling { labels: &vec![0; mesh.faces.len()], colours: &[], quality: None, names: &[] };
+        let labelling =
+            Labelling { labels: &vec![0; mesh.faces.len()], colours: &[], quality: None, names: &[], fine: None };
         mesh.save(path, labelling).unwrap();
     };
     written(Mesh::creature(3_528).unwrap(), &path);
@@ -285,11 +286,11 @@ fn a_run_can_be_stopped_and_says_what_is_wrong() {
     assert!(matches!(Evaluator::stopped_by(&mesh, cancel), Err(Error::Cancelled)));
     assert!(matches!(Segmenter::new().parts(0).run(&mesh), Err(Error::Parameter { .. })));
     // Regression: the message about an empty path had nothing before its colon, and no message listed pages.
-    let nowhere = Labelling { labels: &vec![0; mesh.faces.len()], colours: &[], quality: None, names: &[] };
+    let nowhere = Labelling { labels: &vec![0; mesh.faces.len()], colours: &[], quality: None, names: &[], fine: None };
     let told = mesh.save("", nowhere).unwrap_err().to_string();
     assert!(told.starts_with("path: \"\": unknown extension; use .ply") && told.contains(".html"), "{told}");
     assert!(matches!(Segmenter::new().parts(1 << 30).run(&mesh), Err(Error::Unusable { .. })));
-    let wrong = Labelling { labels: &[0], colours: &[], quality: None, names: &[] };
+    let wrong = Labelling { labels: &[0], colours: &[], quality: None, names: &[], fine: None };
     for name in ["a.seg", "a.npy", "a.ply", "a.glb", "a.xyz"] {
         assert!(matches!(mesh.save(name, wrong), Err(Error::Parameter { .. })), "{name}");
     }
@@ -320,7 +321,7 @@ fn what_a_file_cannot_hold_and_options_without_effect_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
     let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]]).unwrap();
-    let plain = Labelling { labels: &[0, 1], colours: &[], quality: None, names: &[] };
+    let plain = Labelling { labels: &[0, 1], colours: &[], quality: None, names: &[], fine: None };
     let names = vec![String::from("a"); 3];
     let bad = [
         ("quality", "x.glb", Labelling { quality: Some(&[0.5]), ..plain }),

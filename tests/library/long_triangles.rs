@@ -1,8 +1,9 @@
 //! Meshes of triangles longer than their features: parts are decided on shorter ones, and labels are those of the faces.
 
 use nystrom_stream::apps::edits::Edits;
-use nystrom_stream::{Mesh, Segmenter};
-use std::collections::{BTreeMap, HashMap};
+use nystrom_stream::store::Run;
+use nystrom_stream::{Mesh, SaveOptions, Segmenter};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// Teeth of the comb.
 const TEETH: usize = 5;
@@ -92,4 +93,20 @@ fn edits_apply_to_faces() {
     let joined = Segmenter::new().edits(edits).run(&mesh).unwrap();
     tooth.iter_mut().filter(|tooth| **tooth == 2).for_each(|tooth| *tooth = 1);
     assert!(alike(joined.labels(), &tooth), "{:?}", joined.labels());
+}
+
+/// Where sides of the teeth and the back are flat, boundaries cross the faces.
+#[test]
+fn faces_are_split_where_the_short_triangles_change_their_label() {
+    let (mesh, _) = comb();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("comb.ply");
+    let cut = Segmenter::new().run(&mesh).unwrap();
+    assert!(cut.labelling().fine.is_some());
+    cut.save_with(&path, &SaveOptions::new().split_faces(true)).unwrap();
+    let written = Mesh::open(&path).unwrap();
+    assert!(written.faces.len() > mesh.faces.len() && written.faces.len() < 5 * mesh.faces.len());
+    let labels: BTreeSet<u32> = written.face_property("label", &Run::new(&())).unwrap().into_iter().collect();
+    assert_eq!(labels.len(), cut.parts());
+    assert!(Segmenter::new().exact(true).run(&mesh).unwrap().labelling().fine.is_none());
 }

@@ -24,7 +24,7 @@ fn label(input: &Path, form: PlyForm, stream: bool) -> (tempfile::TempDir, Mesh,
     let faces = opened.faces.len();
     let labels: Vec<u32> = (0..faces as u32).map(|f| f % 7).collect();
     let quality: Vec<f32> = (0..faces).map(|f| f as f32 / 3.0).collect();
-    let labelling = Labelling { labels: &labels, colours: &colours(), quality: Some(&quality), names: &[] };
+    let labelling = Labelling { labels: &labels, colours: &colours(), quality: Some(&quality), names: &[], fine: None };
     let out = dir.path().join("out.ply");
     if stream {
         let mut file = std::fs::File::create(&out).unwrap();
@@ -146,7 +146,7 @@ fn labels_that_do_not_fit_are_refused_and_leave_nothing() {
     let out = dir.path().join("out.ply");
     let run = Run::new(&());
     let write = |labels: &[u32]| {
-        let labelling = Labelling { labels, colours: &[], quality: None, names: &[] };
+        let labelling = Labelling { labels, colours: &[], quality: None, names: &[], fine: None };
         mesh::write_labelled(&opened, &out, &labelling, PlyForm::Same, &run)
     };
     assert!(write(&[0; 3999]).unwrap_err().to_string().starts_with("labels: 3999 values for 4000 faces"));
@@ -161,7 +161,7 @@ fn quality_of_the_input_stays_where_none_is_given() {
     let dir = common::in_memory();
     let opened = open(&data.join("flavour/synth_le_faceprop_before_after.ply"), dir.path());
     let out = dir.path().join("out.ply");
-    let labelling = Labelling { labels: &[3; 4000], colours: &colours(), quality: None, names: &[] };
+    let labelling = Labelling { labels: &[3; 4000], colours: &colours(), quality: None, names: &[], fine: None };
     let run = Run::new(&());
     mesh::write_labelled(&opened, &out, &labelling, PlyForm::Same, &run).unwrap();
     let (before, after) = (reference(opened.path()).unwrap(), reference(&out).unwrap());

@@ -60,7 +60,7 @@ fn try_all(bytes: &[u8]) -> bool {
     let corners = |_: usize, corners: &[u32]| assert!(corners.iter().all(|&v| (v as usize) < opened.positions.len()));
     opened.faces.for_each(0..faces, corners);
     let labels = vec![1; faces];
-    let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[] };
+    let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[], fine: None };
     for form in [PlyForm::Same, PlyForm::Binary, PlyForm::Ascii] {
         let out = dir.path().join("out.ply");
         let written = mesh::write_labelled(&opened, &out, &labelling, form, &run);

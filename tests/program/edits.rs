@@ -261,7 +261,7 @@ fn edits_apply_to_another_resolution_and_to_other_units() {
     let large: Vec<[f64; 3]> = corners.iter().map(|p| p.map(|x| 1000. * x)).collect();
     let faces: Vec<Vec<u32>> = (0..mesh.faces.len()).map(|face| mesh.faces.with(face, <[u32]>::to_vec)).collect();
     let path = scene.dir.path().join("millimetres.ply");
-    let labelling = Labelling { labels: &scene.before, colours: &[], quality: None, names: &[] };
+    let labelling = Labelling { labels: &scene.before, colours: &[], quality: None, names: &[], fine: None };
     Mesh::from_slices(&large, &faces).unwrap().save(&path, labelling).unwrap();
     segment(&path, &["-q", "--edits", word(&file), "-o", word(&merged)]);
     assert_eq!(parts(&read_seg(&merged).unwrap()), 8);
@@ -309,7 +309,7 @@ fn a_part_that_is_painted_as_it_is_stays_as_it_is() {
     let mesh = Mesh::open(&scene.mesh).unwrap();
     for part in [0, 4, 8] {
         let values: Vec<u32> = scene.before.iter().map(|&before| u32::from(before == part)).collect();
-        let labelling = Labelling { labels: &values, colours: &[[0; 3]; 2], quality: None, names: &[] };
+        let labelling = Labelling { labels: &values, colours: &[[0; 3]; 2], quality: None, names: &[], fine: None };
         mesh::write_labelled(&mesh, &painted, &labelling, mesh::PlyForm::Same, &Run::new(&())).unwrap();
         segment(&painted, &["-q", "-k", "9", "--hints", "label", "-o", word(&out)]);
         assert!(read_seg(&out).unwrap() == scene.before, "part {part}");
@@ -332,7 +332,7 @@ fn painted_hints_that_stay_unmet_are_told() {
         })
     });
     values[inner.unwrap()] = 77;
-    let labelling = Labelling { labels: &values, colours: &[[0; 3]; 78], quality: None, names: &[] };
+    let labelling = Labelling { labels: &values, colours: &[[0; 3]; 78], quality: None, names: &[], fine: None };
     mesh::write_labelled(&mesh, &painted, &labelling, mesh::PlyForm::Same, &Run::new(&())).unwrap();
     let told = |more: &[&str]| {
         let output = ok(&[&["segment", word(&painted), "-k", "9", "-o", word(&out)], more].concat());
@@ -548,7 +548,7 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
         })
         .collect();
     let faces: Vec<Vec<u32>> = (0..mesh.faces.len()).map(|face| mesh.faces.with(face, <[u32]>::to_vec)).collect();
-    let labelling = Labelling { labels: &vec![0; faces.len()], colours: &[], quality: None, names: &[] };
+    let labelling = Labelling { labels: &vec![0; faces.len()], colours: &[], quality: None, names: &[], fine: None };
     Mesh::from_slices(&turned, &faces).unwrap().save(path("scans/moved.ply"), labelling).unwrap();
     let (out, report) = (path("{}.like.ply"), format!("--json={}", path("all.json").display()));
     let (scans, reference_mesh) = (path("scans"), path("reference.ply"));
@@ -597,7 +597,7 @@ fn parts_of_one_scan_are_found_on_others_of_its_kind() {
     let mut labels = vec![0; reference.faces.len()];
     labels[0] = 20_000_000;
     let odd = path("odd.ply");
-    reference.save(&odd, Labelling { labels: &labels, colours: &[], quality: None, names: &[] }).unwrap();
+    reference.save(&odd, Labelling { labels: &labels, colours: &[], quality: None, names: &[], fine: None }).unwrap();
     refused(
         &["segment", word(&near), "--like", word(&odd), "-q", "--max-memory", "1GiB"],
         1,
@@ -719,7 +719,7 @@ fn specks_with_a_label_of_their_own_are_no_part() {
     labels[body..].fill(1);
     // The numbers of people begin anywhere.
     labels.iter_mut().for_each(|label| *label += 1);
-    let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[] };
+    let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[], fine: None };
     reference.save(path("people.ply"), labelling).unwrap();
     let told = report("like.ply", &["--like", word(&path("people.ply"))]);
     let label = told["tiny_components_label"].as_u64().unwrap() as usize;

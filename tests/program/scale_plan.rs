@@ -13,7 +13,8 @@ fn creature(folder: &Path, faces: u64) -> String {
 
 /// Writes a mesh to `path`, all of whose faces have label 0.
 fn save(path: &Path, points: &[[f32; 3]], faces: &[[u32; 3]]) {
-    let labelling = Labelling { labels: &vec![0; faces.len()], colours: &[[0; 3]], quality: None, names: &[] };
+    let labelling =
+        Labelling { labels: &vec![0; faces.len()], colours: &[[0; 3]], quality: None, names: &[], fine: None };
     Mesh::from_slices(points, faces).unwrap().save(path, labelling).unwrap();
 }
 

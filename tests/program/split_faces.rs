@@ -140,3 +140,69 @@ fn faces_of_four_corners_are_told() {
     assert!(errors(&output).contains("left whole, since only triangles are split"), "{}", errors(&output));
     assert_eq!(Mesh::open(&out).unwrap().faces.len(), (n * n) as usize);
 }
+
+/// A solid like the letter T: its outline on both ends in triangles that reach from the foot to the top, or as one
+/// polygon.
+fn letter(path: &Path, polygons: bool) {
+    let outline: [[u32; 2]; 9] = [[4, 0], [6, 0], [6, 8], [10, 8], [10, 10], [5, 10], [0, 10], [0, 8], [4, 8]];
+    let n = outline.len();
+    let mut faces: Vec<Vec<usize>> = if polygons {
+        vec![(n..2 * n).collect(), (0..n).rev().collect()]
+    } else {
+        let front = [[0, 1, 5], [1, 2, 5], [2, 3, 4], [2, 4, 5], [0, 5, 8], [5, 6, 8], [6, 7, 8]];
+        front.into_iter().flat_map(|[a, b, c]| [vec![a + n, b + n, c + n], vec![c, b, a]]).collect()
+    };
+    for (a, b) in (0..n).map(|a| (a, (a + 1) % n)) {
+        let sides =
+            if polygons { vec![vec![a, b, b + n, a + n]] } else { vec![vec![a, b, b + n], vec![a, b + n, a + n]] };
+        faces.extend(sides);
+    }
+    let mut text = format!("OFF\n{} {} 0\n", 2 * n, faces.len());
+    for z in ["0", "1.5"] {
+        outline.iter().for_each(|[x, y]| text += &format!("{x} {y} {z}\n"));
+    }
+    for face in faces {
+        text += &face.iter().fold(face.len().to_string(), |line, v| format!("{line} {v}"));
+        text += "\n";
+    }
+    std::fs::write(path, text).unwrap();
+}
+
+/// Regression: a boundary did not cross the triangles of a mesh whose parts are decided on shorter ones.
+#[test]
+fn boundaries_cross_long_triangles() {
+    let dir = common::in_memory();
+    let place = |name: &str| dir.path().join(name);
+    for polygons in [false, true] {
+        let mesh = place("letter.off");
+        letter(&mesh, polygons);
+        let [plain, split, work] = ["plain.ply", "split.ply", "work"].map(place);
+        let _ = std::fs::remove_dir_all(&work);
+        common::segment(&mesh, &["-q", "-k", "2", "-o", word(&plain), "--work-dir", word(&work)]);
+        common::segment(&mesh, &["-q", "-k", "2", "--threads", "1", "--split-faces", "-o", word(&split)]);
+        let [a, b] = [&plain, &split].map(|path| Mesh::open(path).unwrap());
+        for v in 0..a.positions.len() as u32 {
+            assert_eq!(a.positions.get(v), b.positions.get(v), "vertices keep their numbers");
+        }
+        assert_eq!((census(&b)[0], census(&b)[2]), (0, 0), "it stays closed");
+        assert!((area(&a) - area(&b)).abs() < 1e-6 * area(&a));
+        // Along edges of the file it was 75 long, and 39 on polygons.
+        assert!(boundary_length(&b) < 20., "{}", boundary_length(&b));
+        assert!(b.faces.len() < 150, "{}", b.faces.len());
+        // The same from the work directory, also after another cut, and in another order of faces.
+        let bytes = std::fs::read(&split).unwrap();
+        let export = || {
+            ok(&["export", "-q", "--work-dir", word(&work), "--split-faces", "-o", word(&plain)]);
+            std::fs::read(&plain).unwrap()
+        };
+        assert_eq!(export(), bytes);
+        ok(&["cluster", "-q", "--work-dir", word(&work), "-k", "3"]);
+        assert_ne!(export(), bytes);
+        ok(&["cluster", "-q", "--work-dir", word(&work), "-k", "2"]);
+        assert_eq!(export(), bytes);
+        common::segment(&mesh, &["-q", "-k", "2", "--order", "hilbert", "--split-faces", "-o", word(&plain)]);
+        let other = Mesh::open(&plain).unwrap();
+        assert_eq!((census(&other)[0], census(&other)[2]), (0, 0));
+        assert!(boundary_length(&other) < 20., "{}", boundary_length(&other));
+    }
+}

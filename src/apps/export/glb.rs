@@ -50,7 +50,7 @@ const VERTICES: usize = 1 << 14;
 /// use nystrom_stream::store::Run;
 /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
 /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
-/// let labelling = Labelling { labels: &[0, 1], colours: &palette(2), quality: None, names: &[] };
+/// let labelling = Labelling { labels: &[0, 1], colours: &palette(2), quality: None, names: &[], fine: None };
 /// glb::write(&std::env::temp_dir().join("square.glb"), &mesh, &labelling, &Run::new(&()))?;
 /// # Ok::<(), nystrom_stream::base::Error>(())
 /// ```
@@ -334,7 +334,8 @@ mod tests {
         let corners = (0..WIDTH * (WIDTH - 1)).filter(|v| v % WIDTH + 1 < WIDTH);
         let quads: Vec<[u32; 4]> = corners.map(|v| [v, v + 1, v + WIDTH + 1, v + WIDTH]).collect();
         let mesh = Mesh::from_slices(&points, &quads).unwrap();
-        let labelling = Labelling { labels: &vec![0; quads.len()], colours: &[[7; 3]], quality: None, names: &[] };
+        let labelling =
+            Labelling { labels: &vec![0; quads.len()], colours: &[[7; 3]], quality: None, names: &[], fine: None };
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("x.glb");
         let written = |budget: u64| {

@@ -368,7 +368,8 @@ mod tests {
         std::fs::write(&path, text).unwrap();
         let (run, mesh) = (Run::new(&()), Mesh::open(&path).unwrap());
         let out = dir.path().join("out.obj");
-        let labelling = Labelling { labels, colours: &[[255, 0, 0], [0, 0, 255]], quality: None, names: &[] };
+        let labelling =
+            Labelling { labels, colours: &[[255, 0, 0], [0, 0, 255]], quality: None, names: &[], fine: None };
         write(&out, &mesh, &labelling, &run).unwrap();
         // It is read back as the same faces, in the order of the parts.
         assert_eq!(Mesh::open(&out).unwrap().faces.len(), mesh.faces.len());
@@ -397,7 +398,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let [out, materials] = ["out.obj", "out.mtl"].map(|name| dir.path().join(name));
         let mesh = Mesh::from_slices(&[[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]], &[[0, 1, 2]]).unwrap();
-        let labelling = Labelling { labels: &[0], colours: &[[255, 0, 0]], quality: None, names: &[] };
+        let labelling = Labelling { labels: &[0], colours: &[[255, 0, 0]], quality: None, names: &[], fine: None };
         let stopped = Run::new(&());
         stopped.cancel.cancel();
         assert!(write(&out, &mesh, &labelling, &stopped).is_err());
@@ -425,7 +426,7 @@ mod tests {
     fn objects_of_parts_have_names_of_their_own() {
         // Regression: "left arm" and "left_arm" became one object.
         let names = ["left arm", "left_arm", "", "part 2", "left_arm_1"].map(String::from);
-        let labelling = Labelling { labels: &[], colours: &[], quality: None, names: &names };
+        let labelling = Labelling { labels: &[], colours: &[], quality: None, names: &names, fine: None };
         let found = super::names(6, &labelling);
         assert_eq!(found, ["left_arm", "left_arm_1", "part_2", "part_2_3", "left_arm_1_4", "part_5"]);
     }
@@ -460,7 +461,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("x.obj");
         let mesh = Mesh::from_slices(&[[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.]], &[[0u32, 1, 2]]).unwrap();
-        let labelling = Labelling { labels: &[0], colours: &[[255, 0, 0]], quality: None, names: &[] };
+        let labelling = Labelling { labels: &[0], colours: &[[255, 0, 0]], quality: None, names: &[], fine: None };
         let text = || std::fs::read_to_string(&out).unwrap();
         for _ in 0..2 {
             write(&out, &mesh, &labelling, &Run::new(&())).unwrap();
@@ -487,7 +488,8 @@ mod tests {
         let path = dir.path().join("scan.obj");
         std::fs::write(&path, &text).unwrap();
         let mesh = Mesh::open(&path).unwrap();
-        let labelling = Labelling { labels: &[0; 3000], colours: &[[255, 0, 0]], quality: None, names: &[] };
+        let labelling =
+            Labelling { labels: &[0; 3000], colours: &[[255, 0, 0]], quality: None, names: &[], fine: None };
         let [small, large] = [1 << 14, 1 << 28].map(|bytes| {
             let run = Run { budget: crate::store::Budget::new(bytes), ..Run::new(&()) };
             let out = dir.path().join("out.obj");

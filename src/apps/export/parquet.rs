@@ -179,7 +179,7 @@ pub fn measure(corners: &[[f64; 3]]) -> (f64, [f64; 3]) {
 /// use nystrom_stream::store::Run;
 /// let corners = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
 /// let mesh = Mesh::from_slices(&corners, &[[0, 1, 2], [0, 2, 3]])?;
-/// let labelling = Labelling { labels: &[0, 1], colours: &[], quality: None, names: &[] };
+/// let labelling = Labelling { labels: &[0, 1], colours: &[], quality: None, names: &[], fine: None };
 /// parquet::write(&std::env::temp_dir().join("square.parquet"), &mesh, &labelling, None, &Run::new(&()))?;
 /// # Ok::<(), nystrom_stream::base::Error>(())
 /// ```
@@ -308,7 +308,7 @@ mod tests {
         let mesh = Mesh::from_slices(&[[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]], &faces).unwrap();
         let labels: Vec<u32> = (0..60).map(|face| face % 3).collect();
         let names = ["head", "arm"].map(|name| name.repeat(200_000));
-        let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &names };
+        let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &names, fine: None };
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("names.parquet");
         write(&path, &mesh, &labelling, None, &Run::new(&())).unwrap();

@@ -410,8 +410,13 @@ mod tests {
             .collect();
         let sides = |v: u32| [[v, v + 2, v + 1], [v, v + 1, v + 3], [v + 1, v + 2, v + 3], [v, v + 3, v + 2]];
         let mesh = Mesh::from_slices(&points, &[sides(0), sides(4)].concat()).unwrap();
-        let labelling =
-            Labelling { labels: &[0, 0, 0, 0, 1, 1, 1, 1], colours: &[[9; 3], [99; 3]], quality: None, names };
+        let labelling = Labelling {
+            labels: &[0, 0, 0, 0, 1, 1, 1, 1],
+            colours: &[[9; 3], [99; 3]],
+            quality: None,
+            names,
+            fine: None,
+        };
         let notes = Notes::default();
         write(folder, &mesh, &labelling, Folder { form, cap: true }, &Run::new(&notes)).unwrap();
         let list = std::fs::read(folder.join(LIST)).unwrap();

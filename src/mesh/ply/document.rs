@@ -411,7 +411,7 @@ mod tests {
         let path = dir.path().join("a.ply");
         std::fs::write(&path, MESH).unwrap();
         let mesh = open(&path, dir.path(), &run).unwrap();
-        let labelling = Labelling { labels: &[3, 70000], colours: &[], quality: None, names: &[] };
+        let labelling = Labelling { labels: &[3, 70000], colours: &[], quality: None, names: &[], fine: None };
         for form in [PlyForm::Ascii, PlyForm::Binary] {
             let labelled = dir.path().join("b.ply");
             write_labelled(&mesh, &labelled, &labelling, form, &run).unwrap();
@@ -448,7 +448,7 @@ mod tests {
             let (front, _) = MESH.split_once("element face").unwrap();
             std::fs::write(&path, format!("{front}{both}end_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n4 0 1 2 3\n")).unwrap();
             let mesh = open(&path, dir.path(), &run).unwrap();
-            let labelling = Labelling { labels: &[3, 7], colours: &[], quality: None, names: &[] };
+            let labelling = Labelling { labels: &[3, 7], colours: &[], quality: None, names: &[], fine: None };
             write_labelled(&mesh, &out, &labelling, PlyForm::Same, &run).unwrap();
             let text = std::fs::read_to_string(&out).unwrap();
             assert_eq!((text.matches("element").count(), text.matches("element face 2\n").count()), (2, 1), "{text}");
@@ -466,7 +466,7 @@ mod tests {
         let points: String = (0..257).map(|v| format!("{v} 0 {}\n", v % 2)).collect();
         std::fs::write(&path, format!("{header}end_header\n{points}3 0 255 256\n")).unwrap();
         let mesh = open(&path, dir.path(), &run).unwrap();
-        let labelling = Labelling { labels: &[0], colours: &[], quality: None, names: &[] };
+        let labelling = Labelling { labels: &[0], colours: &[], quality: None, names: &[], fine: None };
         write_labelled(&mesh, &out, &labelling, PlyForm::Ascii, &run).unwrap();
         let said = write_labelled(&mesh, &out, &labelling, PlyForm::Binary, &run).unwrap_err().to_string();
         assert!(said.contains("face 0: vertex 256 does not fit the type") && said.contains("as text"), "{said}");
@@ -482,7 +482,7 @@ mod tests {
             let text = MESH.replace(" .5 7", &format!(" {first} 7")).replace(" .25 -1", &format!(" {second} -1"));
             std::fs::write(&path, text).unwrap();
             let mesh = open(&path, dir.path(), &run).unwrap();
-            let labelling = Labelling { labels: &[0, 0], colours: &[], quality: None, names: &[] };
+            let labelling = Labelling { labels: &[0, 0], colours: &[], quality: None, names: &[], fine: None };
             write_labelled(&mesh, &out, &labelling, PlyForm::Binary, &run).unwrap();
             for path in [&path, &out] {
                 let (mesh, mut read) = (open(path, dir.path(), &run).unwrap(), Vec::new());

@@ -21,7 +21,7 @@ use super::vertex_labels::VertexLabels;
 use crate::base::{Error, Result};
 use crate::mesh::geometry::Mesh;
 use crate::mesh::output::{Gather, publish};
-use crate::mesh::split_faces::{FaceSplit, Piece};
+use crate::mesh::split_faces::Piece;
 use crate::store::Run;
 use std::cell::RefCell;
 use std::fs::File;
@@ -38,7 +38,8 @@ use std::path::Path;
 /// # let dir = tempfile::tempdir()?;
 /// # let out = dir.path().join("labelled.ply");
 /// let mesh = Mesh::from_slices(&[[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 1.]], &[[0, 1, 2], [1, 3, 2]])?;
-/// let labelling = Labelling { labels: &[0, 1], colours: &[[230, 159, 0], [86, 180, 233]], quality: None, names: &[] };
+/// let colours = [[230, 159, 0], [86, 180, 233]];
+/// let labelling = Labelling { labels: &[0, 1], colours: &colours, quality: None, names: &[], fine: None };
 /// write_labelled(&mesh, &out, &labelling, PlyForm::Ascii, &Run::new(&()))?;
 /// let text = std::fs::read_to_string(&out)?;
 /// assert!(text.ends_with("3 0 1 2 0 230 159 0\n3 1 3 2 1 86 180 233\n"));
@@ -119,7 +120,7 @@ impl LabelledFile<'_> {
             }
             return out.finish();
         }
-        let split = options.split_faces.then(|| FaceSplit::of(mesh, labelling.labels, run)).transpose()?;
+        let split = options.split_faces.then(|| labelling.split(mesh, run)).transpose()?;
         let encoder = Encoder { target: options.form.encoding(document.header.encoding) };
         let split = split.as_ref().map(|split| SplitRecords { document, mesh, split, encoder, run });
         if let Some(records) = &split {
@@ -138,7 +139,7 @@ impl LabelledFile<'_> {
     fn write_arrays(&self, path: &Path, writer: &mut dyn Write) -> Result<()> {
         let Self { mesh, labelling, options, run } = *self;
         if options.split_faces {
-            let split = FaceSplit::of(mesh, labelling.labels, run)?;
+            let split = labelling.split(mesh, run)?;
             split.tell(run);
             let whole = split.applied(mesh, labelling.labels, labelling.quality, run)?;
             let labelling = Labelling { labels: &whole.labels, quality: whole.quality.as_deref(), ..*labelling };
@@ -365,7 +366,7 @@ mod tests {
         // Regression: another eight bytes per vertex were used beyond the budget.
         let points = vec![[0f32; 3]; 1 << 16];
         let mesh = Mesh::from_vecs(points, vec![[0, 1, 2]]).unwrap();
-        let labelling = Labelling { labels: &[5], colours: &[], quality: None, names: &[] };
+        let labelling = Labelling { labels: &[5], colours: &[], quality: None, names: &[], fine: None };
         let options = PlyOptions { vertex_labels: true, ..PlyOptions::default() };
         let written = |bytes: u64| {
             let (mut out, run) = (Vec::new(), Run { budget: Budget::new(bytes), ..Run::new(&()) });

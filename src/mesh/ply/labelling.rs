@@ -8,7 +8,8 @@ use super::names;
 use super::values::Encoder;
 use crate::base::{Error, Result};
 use crate::mesh::geometry::{Mesh, one_per_face};
-use crate::mesh::split_faces::FaceSplit;
+use crate::mesh::split_faces::{FaceSplit, FineLabels};
+use crate::store::Run;
 
 /// The encoding of a labelled file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -69,6 +70,8 @@ pub struct Labelling<'a> {
     pub quality: Option<&'a [f32]>,
     /// One name per label, empty for none; may be shorter than the labels, or empty as a whole.
     pub names: &'a [String],
+    /// Labels on the mesh's refinement, if its parts were decided there: where boundaries lie if faces are split.
+    pub fine: Option<&'a FineLabels>,
 }
 
 /// The comment that names the program.
@@ -90,11 +93,22 @@ pub fn colour_of(colours: &[[u8; 3]], label: u32) -> [u8; 3] {
 impl<'a> Labelling<'a> {
     /// Labels alone, one per face: without qualities and names, and grey where a format has colours.
     pub fn of(labels: &'a [u32]) -> Self {
-        Self { labels, colours: &[], quality: None, names: &[] }
+        Self { labels, colours: &[], quality: None, names: &[], fine: None }
     }
 }
 
 impl Labelling<'_> {
+    /// The split faces of `mesh`.
+    ///
+    /// # Errors
+    /// As [`FaceSplit::of`].
+    pub(super) fn split(&self, mesh: &Mesh, run: &Run) -> Result<FaceSplit> {
+        match self.fine {
+            Some(fine) => FaceSplit::of_refined(mesh, self.labels, fine, run),
+            None => FaceSplit::of(mesh, self.labels, run),
+        }
+    }
+
     /// The name of `label`, if it has one.
     pub fn name(&self, label: usize) -> Option<&str> {
         self.names.get(label).map(String::as_str).filter(|name| !name.is_empty())

@@ -263,7 +263,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let run = Run::new(&());
         let (labels, quality): (_, Vec<f32>) = (labels(), (0..128).map(|f| f as f32).collect());
-        let labelling = Labelling { labels: &labels, colours: &[], quality: Some(&quality), names: &[] };
+        let labelling = Labelling { labels: &labels, colours: &[], quality: Some(&quality), names: &[], fine: None };
         let mut sizes = None;
         for encoding in [Encoding::Ascii, Encoding::Little, Encoding::Big] {
             for form in [PlyForm::Same, PlyForm::Ascii, PlyForm::Binary] {
@@ -337,7 +337,7 @@ mod tests {
         let run = Run::new(&());
         // Stripes create more new vertices.
         let labels: Vec<u32> = (0..128).map(|f| (f / 2 % 8 + f / 16 * 2) / 5).collect();
-        let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[] };
+        let labelling = Labelling { labels: &labels, colours: &[], quality: None, names: &[], fine: None };
         let path = dir.path().join("a.ply");
         for (index, coordinate, part) in [
             (Scalar::I8, Scalar::F32, "its faces index vertices by char, which cannot hold"),

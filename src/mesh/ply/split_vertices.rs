@@ -143,7 +143,8 @@ mod tests {
         let mesh = Mesh::from_slices(&positions, &faces).unwrap();
         let labels = [0, 0, 1, 1, 2, 0];
         let colours = [[255, 0, 0], [0, 255, 0], [0, 0, 255]];
-        let labelling = Labelling { labels: &labels, colours: &colours, quality: None, names: &["a b".into()] };
+        let labelling =
+            Labelling { labels: &labels, colours: &colours, quality: None, names: &["a b".into()], fine: None };
         let mut bytes = Vec::new();
         stream(&mesh, Path::new("x"), &mut bytes, &labelling, PlyForm::Binary, &Run::new(&())).unwrap();
         let dir = tempfile::tempdir().unwrap();
