@@ -91,6 +91,11 @@ impl FineTriangles {
         [[a, b], [b, c], [c, a]].map(|[p, q]| finite(p) && finite(q) && distance(p, q) > limit)
     }
 
+    /// Splits all edges: four triangles for each.
+    pub fn quarter(&mut self) {
+        self.split(&vec![[true; 3]; self.corners.len()], 3 * self.corners.len());
+    }
+
     /// Splits the edges that are `long`, which makes as many triangles `more`.
     fn split(&mut self, long: &[[bool; 3]], more: usize) {
         let Self { mut positions, corners, face, originals, mut midpoints } = std::mem::take(self);

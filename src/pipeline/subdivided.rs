@@ -11,8 +11,8 @@ use super::sides::{CorrespondParams, LOCAL_SAMPLES, Side};
 use crate::base::Result;
 use crate::graph::vertex_graph::triangles;
 use crate::mesh::Mesh;
+use crate::mesh::long_edges::FineTriangles;
 use crate::store::{Context, Run};
-use std::collections::HashMap;
 
 /// Minimum number of vertices of a sufficiently fine mesh.
 const FEW: usize = 2 * LOCAL_SAMPLES;
@@ -37,12 +37,15 @@ impl SubdividedMesh {
             .faces
             .for_each(0..opened.faces.len(), |_, corners| triangles(&opened, corners, |face, _| faces.push(face)));
         let n = opened.positions.len();
-        let mut positions: Vec<[f64; 3]> = (0..n as u32).map(|v| opened.positions.get(v)).collect();
-        let mut origin: Vec<u32> = (0..n as u32).collect();
-        while coarse(positions.len(), faces.len()) {
-            faces = quartered(&faces, &mut positions, &mut origin);
+        let positions: Vec<[f64; 3]> = (0..n as u32).map(|v| opened.positions.get(v)).collect();
+        let face = (0..faces.len() as u32).collect();
+        let mut fine = FineTriangles { positions, corners: faces, face, ..FineTriangles::default() };
+        while coarse(fine.positions.len(), fine.corners.len()) {
+            fine.quarter();
         }
-        Ok(Some(Self { mesh: Mesh::from_vecs(positions, faces)?, origin }))
+        let mut origin: Vec<u32> = (0..n as u32).collect();
+        fine.midpoints.iter().for_each(|ends| origin.push(origin[ends[0] as usize]));
+        Ok(Some(Self { mesh: Mesh::from_vecs(fine.positions, fine.corners)?, origin }))
     }
 
     /// Prepares the subdivided mesh, in the folder of the `side` that it was made from.
@@ -54,22 +57,4 @@ impl SubdividedMesh {
     pub(super) fn extended(&self, map: &[Option<u32>]) -> Vec<Option<u32>> {
         self.origin.iter().map(|&v| map[v as usize]).collect()
     }
-}
-
-/// Four triangles for each of `faces`; the midpoint of an edge is shared by both adjacent triangles.
-fn quartered(faces: &[[u32; 3]], positions: &mut Vec<[f64; 3]>, origin: &mut Vec<u32>) -> Vec<[u32; 3]> {
-    let mut middles = HashMap::new();
-    let mut middle = |a: u32, b: u32| {
-        *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
-            let [p, q] = [a, b].map(|v| positions[v as usize]);
-            positions.push(std::array::from_fn(|d| 0.5 * p[d] + 0.5 * q[d]));
-            origin.push(origin[a.min(b) as usize]);
-            positions.len() as u32 - 1
-        })
-    };
-    let four = |&[a, b, c]: &[u32; 3]| {
-        let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
-        [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-    };
-    faces.iter().flat_map(four).collect()
 }
