@@ -107,12 +107,16 @@ macro_rules! with_options {
 }
 use with_options;
 
-/// What a cut gives: labels, qualities, colours (parts, 3), the cell of each face and what it was decided with, names, the report as
-/// JSON.
+/// Labels on the refinement of a mesh: the fields of [`FineLabels`](nystrom_stream::mesh::split_faces::FineLabels).
+type Fine<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>, usize, u64);
+
+/// What a cut gives: labels, qualities, colours (parts, 3), labels on the refinement, the cell of each face and what it was decided
+/// with, names, the report as JSON.
 type Cut<'py> = (
     Bound<'py, PyArray1<u32>>,
     Bound<'py, PyArray1<f32>>,
     Bound<'py, PyArray2<u8>>,
+    Option<Fine<'py>>,
     Option<Bound<'py, PyArray1<u32>>>,
     Option<PyDecision>,
     Vec<String>,
@@ -153,6 +157,11 @@ fn segment<'py>(
         PyArray1::from_slice(py, cut.labels()),
         PyArray1::from_slice(py, cut.confidences()),
         colours.as_flattened().to_pyarray(py).reshape([colours.len(), 3])?,
+        cut.labelling().fine.map(|fine| {
+            let [triangles, corners, parents] =
+                [&fine.triangles, &fine.corners, &fine.parents].map(|numbers| PyArray1::from_slice(py, numbers));
+            (triangles, corners, parents, fine.originals, fine.belongs_to)
+        }),
         cut.hierarchy().map(|hierarchy| PyArray1::from_slice(py, hierarchy.cells())),
         cut.hierarchy()
             .map(|hierarchy| PyDecision { kept: hierarchy.decision().clone(), start: cut.cell_labels().to_vec() }),

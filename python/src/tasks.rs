@@ -20,6 +20,7 @@ use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::Sampling;
 use nystrom_stream::mesh::UNLABELLED;
 use nystrom_stream::mesh::ply::labelled::colour_of;
+use nystrom_stream::mesh::split_faces::FineLabels;
 use nystrom_stream::pipeline::cuts;
 use nystrom_stream::spectral::Kernel;
 use nystrom_stream::store::{Budget, Context, Run, WorkDir, json, private_folder};
@@ -107,10 +108,14 @@ fn save_options((vertex_labels, split_vertices, split_faces, cap, part_form): Sa
     Ok(ply.cap(cap).part_form(part_form))
 }
 
+/// Labels on the refinement of a mesh: the fields of [`FineLabels`].
+type Fine<'py> = (PyReadonlyArray1<'py, u32>, PyReadonlyArray1<'py, u32>, PyReadonlyArray1<'py, u32>, usize, u64);
+
 /// Writes the labelled mesh in the form that the ending of `path` names; a page has a slider and follows edits where there is a
-/// `decision` over `cells`. `edits` is the text of those that the labels are of.
+/// `decision` over `cells`. `edits` is the text of those that the labels are of, `fine` has their
+/// labels on the refinement of the mesh.
 #[pyfunction]
-#[pyo3(signature = (mesh, labels, colours, quality, names, path, report, cells, decision, edits, options))]
+#[pyo3(signature = (mesh, labels, colours, quality, names, path, report, fine, cells, decision, edits, options))]
 pub fn save(
     py: Python<'_>,
     mesh: &PyMesh,
@@ -120,6 +125,7 @@ pub fn save(
     names: Vec<String>,
     path: PathBuf,
     report: &str,
+    fine: Option<Fine<'_>>,
     cells: Option<PyReadonlyArray1<'_, u32>>,
     decision: Option<PyRef<'_, PyDecision>>,
     edits: Option<&str>,
@@ -134,7 +140,13 @@ pub fn save(
     let cells = cells.map(|cells| cells.as_array().to_vec());
     let report: serde_json::Value =
         serde_json::from_str(report).map_err(|error| PyValueError::new_err(error.to_string()))?;
-    let labelling = Labelling { labels: &labels, colours: &colours, quality: quality.as_deref(), names: &names };
+    let fine = fine.map(|(triangles, corners, parents, originals, belongs_to)| {
+        let [triangles, corners, parents] =
+            [triangles, corners, parents].map(|numbers| numbers.as_array().to_vec().into());
+        FineLabels { triangles, corners, parents, originals, belongs_to }
+    });
+    let (quality, fine) = (quality.as_deref(), fine.as_ref());
+    let labelling = Labelling { labels: &labels, colours: &colours, quality, names: &names, fine };
     if options == SaveOptions::default() && form == Some(Form::Csv) {
         let parts = report["parts"].as_array().map_or(&[][..], |parts| parts);
         let agreement: Vec<f64> = parts.iter().filter_map(|part| part["expected_agreement"].as_f64()).collect();

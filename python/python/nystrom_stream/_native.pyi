@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 _Path = Union[str, os.PathLike[str]]
 _Progress = Optional[Callable[[str, int, int], object]]
 _Labels = NDArray[np.uint32]
+_Fine = tuple[_Labels, _Labels, _Labels, int, int]
 
 __all__ = [
     "Decision",
@@ -78,7 +79,9 @@ def default_embedding(dimensions: int) -> str: ...
 def segment(
     mesh: Mesh, params: str, edits: Optional[str], hints: Optional[_Labels], work_dir: Optional[_Path], force: bool, seed: int,
     threads: Optional[int], max_memory: Optional[int], tmp: Optional[_Path], progress: _Progress,
-) -> tuple[_Labels, NDArray[np.float32], NDArray[np.uint8], Optional[_Labels], Optional[Decision], list[str], str]: ...
+) -> tuple[
+    _Labels, NDArray[np.float32], NDArray[np.uint8], Optional[_Fine], Optional[_Labels], Optional[Decision], list[str], str
+]: ...
 def plan(
     path: _Path, mesh: Optional[Mesh], params: str, calibrate: bool, work_dir: Optional[_Path], seed: int, threads: Optional[int],
     max_memory: Optional[int], tmp: Optional[_Path],
@@ -97,7 +100,7 @@ def read_names(path: _Path) -> list[str]: ...
 def part_colours(mesh: Mesh, labels: _Labels) -> NDArray[np.uint8]: ...
 def save(
     mesh: Mesh, labels: _Labels, colours: NDArray[np.uint8], quality: Optional[NDArray[np.float32]], names: Sequence[str], path: _Path,
-    report: str, cells: Optional[_Labels], decision: Optional[Decision], edits: Optional[str],
+    report: str, fine: Optional[_Fine], cells: Optional[_Labels], decision: Optional[Decision], edits: Optional[str],
     options: tuple[bool, bool, bool, bool, str],
 ) -> None: ...
 def picture(

@@ -62,6 +62,8 @@ class _Labelled(_OfMesh):
     _names: list[str]
     # Found when they are asked for: labels may be any numbers, and there is a colour for each up to the greatest.
     _colours: Optional[NDArray[np.uint8]] = None
+    # Labels on the refinement of a mesh of long triangles, for `split_faces`.
+    _fine: Optional[tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.uint32], int, int]] = None
     # What the labels were cut from, for a page.
     _cells: Optional[NDArray[np.uint32]] = None
     _decision: Optional[_native.Decision] = None
@@ -109,7 +111,7 @@ class _Labelled(_OfMesh):
         least = int(labels.max()) + 1 if as_path("path", path).lower().endswith((".csv", ".html")) else 0
         colours = np.zeros((0, 3), np.uint8) if bare else as_colours(self.colours, least)
         _native.save(self._mesh, labels, colours, quality, names, as_path("path", path), json.dumps(self.report),
-                     self._cells, self._decision, edits, choices)
+                     self._fine, self._cells, self._decision, edits, choices)
 
     def picture(self, **options: Any) -> NDArray[np.uint8]:
         """A picture of the parts: see `nystrom_stream.picture`."""
@@ -164,7 +166,7 @@ class Segmentation(_Labelled):
     def __init__(self, mesh: _native.Mesh, arrays: Several[Any], report: dict[str, Any], options: dict[str, Any],
                  edits: Optional[dict[str, Any]] = None) -> None:
         self._mesh, self.report, self._options, self._edits = mesh, report, options, edits
-        self.labels, self.quality, self.colours, self._cells, self._decision, names = arrays
+        self.labels, self.quality, self.colours, self._fine, self._cells, self._decision, names = arrays
         self.names = names
 
     @property
@@ -286,7 +288,7 @@ class Segmentation(_Labelled):
         counts = np.bincount(labels, minlength=len(colours))
         report["parts"] = [{"label": k, "faces": int(n), "colour": colours[k].tolist()} for k, n in enumerate(counts)]
         decision = self._decision and self._decision.without_start()
-        arrays = (labels, None, colours, self._cells, decision, list[str]())
+        arrays = (labels, None, colours, None, self._cells, decision, list[str]())
         options = {**started_from(self._options, {"parts": parts}), "hints": None}
         return Segmentation(self._mesh, arrays, report, options)
 
