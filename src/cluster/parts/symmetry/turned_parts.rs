@@ -6,11 +6,12 @@
 //! overlaps the part itself, as of a sector, it joins the neighbour with which most of its images lie in one part.
 //!
 //! This works on cells, since a superface may contain a tooth and what is beside it. Cost: S times the number of
-//! rotations for each change, and P² for each rotation.
+//! rotations for each of a few rounds, and S for each image that is not a part.
 
-use super::mirror_images::CellImages;
+use super::mirror_images::{CellImages, superface_images};
+use crate::base::union_find::Forest;
 use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact};
-use crate::cluster::parts::matrix::Square;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 /// Minimum intersection over union of an image and a part for the image to be that part.
@@ -23,6 +24,9 @@ const OVERLAP: Range<f64> = 0.3..0.7;
 const INSIDE: f64 = 0.7;
 /// Minimum area that is left of that part, relative to the image.
 const REST: f64 = 0.5;
+
+/// Maximum number of rounds in which images are cut out.
+const ROUNDS: usize = 4;
 
 /// A surface and the rotations that map it onto itself.
 pub struct Turns<'a> {
@@ -40,44 +44,56 @@ struct Mapped {
     support: Vec<f64>,
     /// Images that are not parts: the part, and the rotation, counted from 0.
     missing: Vec<(usize, usize)>,
-    /// How often the images of two parts lie in one (P × P).
-    together: Square,
+    /// Parts that touch each other, and how often their images lie in one part.
+    touching: Vec<([u32; 2], f64)>,
+}
+
+impl Mapped {
+    /// The parts without a majority, each with the neighbour that its images lie with most often.
+    fn joins(&self) -> impl Iterator<Item = [u32; 2]> {
+        let mut best: BTreeMap<u32, (f64, u32)> = BTreeMap::new();
+        for &([a, b], together) in &self.touching {
+            for (part, other) in
+                [(a, b), (b, a)].into_iter().filter(|(part, _)| self.support[*part as usize] < MAJORITY)
+            {
+                let before = best.entry(part).or_insert((together, other));
+                if together > before.0 {
+                    *before = (together, other);
+                }
+            }
+        }
+        best.into_iter().map(|(part, (_, other))| [part, other])
+    }
 }
 
 impl Turns<'_> {
     /// The labels `label` (S) of the cells, made equal under all rotations by majority.
     pub fn alike(&self, label: &[u32]) -> Vec<u32> {
         let (mut label, mut parts) = compact(label);
-        let beside = |label: &[u32], parts: usize| {
-            let mut beside = Square::zeros(parts);
-            for (&[i, j], &length) in self.cells.pairs.iter().zip(&self.cells.length) {
-                beside.add_both(label[i as usize] as usize, label[j as usize] as usize, length);
-            }
-            beside
-        };
-        // Each join leaves one part fewer.
+        // Each round leaves fewer parts.
         loop {
             let mapped = self.mapped(&label, parts);
-            let touch = beside(&label, parts);
-            let neighbour = |part: usize| {
-                let all = (0..parts).filter(|&other| other != part && touch[(part, other)] > 0.0);
-                all.max_by(|&a, &b| mapped.together[(part, a)].total_cmp(&mapped.together[(part, b)]).then(b.cmp(&a)))
-            };
-            let alone = (0..parts).filter(|&part| mapped.support[part] < MAJORITY);
-            let least = alone
-                .filter_map(|part| Some((part, neighbour(part)?)))
-                .min_by(|a, b| mapped.support[a.0].total_cmp(&mapped.support[b.0]));
-            let Some((part, into)) = least else { break };
-            label.iter_mut().filter(|k| **k == part as u32).for_each(|k| *k = into as u32);
+            let joins: Vec<[u32; 2]> = mapped.joins().collect();
+            if joins.is_empty() {
+                break;
+            }
+            let mut joined = Forest::new(parts);
+            joins.into_iter().for_each(|[a, b]| _ = joined.join(a, b));
+            label.iter_mut().for_each(|part| *part = joined.find(*part));
             (label, parts) = compact(&label);
         }
         // Of inexact images there may be no end.
-        for _ in 0..parts * self.maps.len() {
-            let missing = self.mapped(&label, parts).missing;
-            let Some(piece) = missing.into_iter().find_map(|(part, k)| self.piece(&label, part as u32, k)) else {
+        for _ in 0..ROUNDS {
+            let before = parts;
+            for (part, k) in self.mapped(&label, parts).missing {
+                if let Some(piece) = self.piece(&label, part as u32, k) {
+                    piece.into_iter().for_each(|cell| label[cell] = parts as u32);
+                    parts += 1;
+                }
+            }
+            if parts == before {
                 break;
-            };
-            piece.into_iter().for_each(|cell| label[cell] = parts as u32);
+            }
             (label, parts) = compact(&label);
         }
         label
@@ -86,43 +102,38 @@ impl Turns<'_> {
     fn mapped(&self, label: &[u32], parts: usize) -> Mapped {
         let area = class_sums(label, self.shares, parts);
         let (mut support, mut all) = (vec![1.0; parts], vec![1.0; parts]);
-        let (mut missing, mut together) = (Vec::new(), Square::zeros(parts));
-        let mut overlaps = vec![false; parts];
+        let (mut missing, mut overlaps) = (Vec::new(), vec![false; parts]);
+        let sides = self.cells.pairs.iter().map(|pair| pair.map(|cell| label[cell as usize]));
+        let different: BTreeSet<[u32; 2]> = sides.filter(|[a, b]| a != b).map(|[a, b]| [a.min(b), a.max(b)]).collect();
+        let mut touching: Vec<([u32; 2], f64)> = different.into_iter().map(|pair| (pair, 0.0)).collect();
         for (k, map) in self.maps.iter().enumerate() {
-            let mut there = Square::zeros(parts);
-            for (cell, &part) in label.iter().enumerate() {
-                let image = label[map.image[cell] as usize] as usize;
-                there[(part as usize, image)] += self.shares[cell] * map.weight[cell];
-            }
+            // Where only some of a part is mapped, its image is taken for that of the whole.
+            let (images, sure) = superface_images(parts, label, self.shares, map);
             for part in 0..parts {
-                let mapped: f64 = there.row(part).iter().sum();
-                // Where only some of a part is mapped, the image is that of the whole.
-                let scale = area[part] / mapped.max(1e-300);
-                let is_same = |other: usize| {
-                    let common = scale * there[(part, other)];
-                    common >= SAME * (area[part] + area[other] - common)
+                let is_same = |&(other, share): &(u32, f64)| {
+                    let common = share * area[part];
+                    common >= SAME * (area[part] + area[other as usize] - common)
                 };
-                let sure = mapped / area[part].max(1e-300);
-                all[part] += sure;
-                overlaps[part] |= sure >= INSIDE && OVERLAP.contains(&(there[(part, part)] / mapped));
-                if (0..parts).any(is_same) {
-                    support[part] += sure;
-                } else if sure >= INSIDE {
+                let on_itself =
+                    images[part].iter().any(|&(other, share)| other as usize == part && OVERLAP.contains(&share));
+                all[part] += sure[part];
+                overlaps[part] |= sure[part] >= INSIDE && on_itself;
+                if images[part].iter().any(is_same) {
+                    support[part] += sure[part];
+                } else if sure[part] >= INSIDE {
                     missing.push((part, k));
                 }
-                there.row_mut(part).iter_mut().for_each(|share| *share /= mapped.max(1e-300));
             }
-            for a in 0..parts {
-                for b in 0..a {
-                    let both = there.row(a).iter().zip(there.row(b)).map(|(x, y)| x * y).sum::<f64>();
-                    together.add_both(a, b, both);
-                }
+            for ([a, b], together) in &mut touching {
+                let [a, b] = [&images[*a as usize], &images[*b as usize]];
+                let in_b = |part: u32| b.iter().find(|(other, _)| *other == part).map_or(0.0, |(_, share)| *share);
+                *together += a.iter().map(|&(part, share)| share * in_b(part)).sum::<f64>();
             }
         }
         for part in 0..parts {
             support[part] = if overlaps[part] { 0.0 } else { support[part] / all[part] };
         }
-        Mapped { support, missing, together }
+        Mapped { support, missing, touching }
     }
 
     /// The cells of the `k`-th image of `part`, if they are to be cut out of another part.
