@@ -5,7 +5,7 @@
 //! onto points, by position and normal; a dozen stand for all of a surface of revolution.
 //!
 //! Cost: nothing without equal moments; otherwise some 80 searches for up to 500 points each in a grid, and one for
-//! each cell and rotation: .01 s at most.
+//! each cell and rotation: some hundredths of a second.
 
 use super::mirror_images::{CellImages, cell_points};
 use crate::base::vector::{add_scaled, cross, dot, minus};
