@@ -15,12 +15,13 @@ use super::matrix::Square;
 use super::symmetry::both_sides::Sides;
 use super::symmetry::cell_map::Surface;
 use super::symmetry::limbs::limb_maps;
-use super::symmetry::mirror_images::{CellImages, LEAST_LIKENESS, divided, mirror_images, symmetrised};
+use super::symmetry::mirror_images::{CellImages, LEAST_LIKENESS, cell_points, divided, mirror_images, symmetrised};
 use super::symmetry::reflection::reflection;
 use super::symmetry::rotations::rotations;
 use super::symmetry::turned_parts::Turns;
 use super::{Decision, PartsParams, consensus, labelling};
 use crate::base::{Error, Result};
+use crate::cluster::mirror::{NearestPoint, PointSet};
 use crate::spectral::anchor::LandmarkDistances;
 use crate::store::run::Run;
 
@@ -100,8 +101,10 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     let shares = cells.area_shares();
     let surface = Surface::new(cells, &shares, &log_thickness);
     let limbs = surface.as_ref().map_or_else(Vec::new, limb_maps);
-    let turns = rotations(cells, &shares);
-    let planes = mirror_images(cells, &shares);
+    let points = cell_points(cells);
+    let nearest = NearestPoint::new(PointSet::new(&points, &shares, cells.total_area()));
+    let turns = rotations(&nearest);
+    let planes = mirror_images(&nearest);
     let has_plane = planes.first().is_some_and(|best| best.likeness(&shares) >= LEAST_LIKENESS);
     let posed = match &surface {
         Some(surface) if !has_plane && turns.is_empty() => reflection(surface, run)?,

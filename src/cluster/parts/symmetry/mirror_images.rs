@@ -52,15 +52,12 @@ impl CellImages {
         divided(of_cell, &image_part, shares)
     }
 
-    /// The images of all cells, at `points`, under a motion: the cells nearest to them.
-    pub fn under(
-        motion: impl Fn(SurfacePoint) -> SurfacePoint,
-        points: &[SurfacePoint],
-        nearest: &NearestPoint<'_>,
-    ) -> Self {
+    /// The images of all cells under a motion: the cells `nearest` to them.
+    pub fn under(motion: impl Fn(SurfacePoint) -> SurfacePoint, nearest: &NearestPoint<'_>) -> Self {
+        let PointSet { points, radius, .. } = nearest.set();
         let seen = points.iter().zip(0u32..).map(|(p, k)| nearest.find(motion(*p)).unwrap_or((k, f64::INFINITY)));
         let (image, far): (Vec<u32>, Vec<f64>) = seen.unzip();
-        let reach = REACH * nearest.set().radius;
+        let reach = REACH * radius;
         Self { image, weight: far.iter().map(|d| exp64(-(d / reach).powi(4))).collect() }
     }
 }
@@ -87,17 +84,15 @@ pub fn divided(of_cell: &[u32], class: &[u32], shares: &[f64]) -> (Vec<u32>, usi
 }
 
 /// The centres and normals of all cells.
-pub(super) fn cell_points(cells: &CellGraph) -> Vec<SurfacePoint> {
+pub fn cell_points(cells: &CellGraph) -> Vec<SurfacePoint> {
     let point = |(&position, &normal): (&[f64; 3], &[f64; 3])| SurfacePoint { position, normal };
     cells.centre.iter().zip(&cells.normal).map(point).collect()
 }
 
-/// The images of all cells, with areas `shares` (S), under each mirror plane, the best plane first.
-pub fn mirror_images(cells: &CellGraph, shares: &[f64]) -> Vec<CellImages> {
-    let points = cell_points(cells);
-    let nearest = NearestPoint::new(PointSet::new(&points, shares, cells.total_area()));
-    let planes = mirror_planes(&nearest).into_iter();
-    planes.map(|plane| CellImages::under(|point| plane.image(point), &points, &nearest)).collect()
+/// The images of all cells under each mirror plane, the best plane first. Cells are searched by `nearest`.
+pub fn mirror_images(nearest: &NearestPoint<'_>) -> Vec<CellImages> {
+    let planes = mirror_planes(nearest).into_iter();
+    planes.map(|plane| CellImages::under(|point| plane.image(point), nearest)).collect()
 }
 
 /// The co-association of superfaces, C (R × R), averaged with those of their images under each of `maps`: `of_cell` is

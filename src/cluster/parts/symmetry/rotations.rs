@@ -7,10 +7,9 @@
 //! Cost: nothing without equal moments; otherwise some 80 searches for up to 500 points each in a grid, and one for
 //! each cell and rotation: some hundredths of a second.
 
-use super::mirror_images::{CellImages, cell_points};
+use super::mirror_images::CellImages;
 use crate::base::vector::{add_scaled, cross, dot, minus};
 use crate::cluster::mirror::{NearestPoint, PointSet, REACH, SurfacePoint, centroid, second_moments};
-use crate::cluster::parts::cell_graph::CellGraph;
 use std::f64::consts::TAU;
 
 /// The greatest number of rotations considered.
@@ -67,30 +66,31 @@ impl Axis {
     }
 }
 
-/// The images of all cells, with areas `shares` (S), under the rotations by 1/n, 2/n, …, (n − 1)/n of a turn; none if
-/// fewer than three rotations, identity included, map the surface onto itself.
-pub fn rotations(cells: &CellGraph, shares: &[f64]) -> Vec<CellImages> {
-    let points = cell_points(cells);
-    let nearest = NearestPoint::new(PointSet::new(&points, shares, cells.total_area()));
-    let through = centroid(&points, shares);
-    let Some((moments, axes)) = second_moments(&points, shares, through) else { return Vec::new() };
+/// The images of all cells under the rotations by 1/n, 2/n, …, (n − 1)/n of a turn; none if fewer than three rotations,
+/// identity included, map the surface onto itself. Cells are searched by `nearest`.
+pub fn rotations(nearest: &NearestPoint<'_>) -> Vec<CellImages> {
+    let PointSet { points, shares, .. } = nearest.set();
+    let through = centroid(points, shares);
+    let Some((moments, axes)) = second_moments(points, shares, through) else { return Vec::new() };
     let is_equal = |a: f64, b: f64| a - b <= EQUAL * a;
     let candidates = [(2, is_equal(moments[0], moments[1])), (0, is_equal(moments[1], moments[2]))];
     let count = |&(k, equal): &(usize, bool)| {
         let axis = Axis { through, along: axes[k] };
-        equal.then(|| (axis.turns(&nearest), axis))
+        equal.then(|| (axis.turns(nearest), axis))
     };
     let Some((turns, axis)) = candidates.iter().filter_map(count).max_by_key(|(turns, _)| *turns) else {
         return Vec::new();
     };
     let angle = |k: usize| TAU * k as f64 / turns as f64;
-    (1..turns).map(|k| CellImages::under(|point| axis.turned(point, angle(k)), &points, &nearest)).collect()
+    (1..turns).map(|k| CellImages::under(|point| axis.turned(point, angle(k)), nearest)).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::mirror_images::cell_points;
     use super::*;
     use crate::base::vector::unit as unit_vector;
+    use crate::cluster::parts::cell_graph::CellGraph;
 
     /// Cells spread over a wall of height 1 around a vertical axis, whose distance from it is 1 + `wave` cos `teeth` θ,
     /// with a bump of height `bump` on one side.
@@ -111,8 +111,12 @@ mod tests {
         cells
     }
 
+    fn maps(cells: &CellGraph, shares: &[f64]) -> Vec<CellImages> {
+        rotations(&NearestPoint::new(PointSet::new(&cell_points(cells), shares, cells.total_area())))
+    }
+
     fn found(cells: &CellGraph) -> usize {
-        rotations(cells, &cells.area_shares()).len() + 1
+        maps(cells, &cells.area_shares()).len() + 1
     }
 
     #[test]
@@ -129,7 +133,7 @@ mod tests {
     fn images_are_where_rotations_take_cells() {
         let cells = wall(5, 0.15, 0.0);
         let shares = cells.area_shares();
-        let maps = rotations(&cells, &shares);
+        let maps = maps(&cells, &shares);
         for (k, map) in (1..).zip(&maps) {
             let (sin, cos) = libm::sincos(TAU * f64::from(k) / 5.0);
             let far = |(cell, &image): (usize, &u32)| {

@@ -70,9 +70,9 @@ impl Turns<'_> {
     /// The labels `label` (S) of the cells, made equal under all rotations by majority.
     pub fn alike(&self, label: &[u32]) -> Vec<u32> {
         let (mut label, mut parts) = compact(label);
+        let mut mapped = self.mapped(&label, parts);
         // Each round leaves fewer parts.
         loop {
-            let mapped = self.mapped(&label, parts);
             let joins: Vec<[u32; 2]> = mapped.joins().collect();
             if joins.is_empty() {
                 break;
@@ -81,11 +81,12 @@ impl Turns<'_> {
             joins.into_iter().for_each(|[a, b]| _ = joined.join(a, b));
             label.iter_mut().for_each(|part| *part = joined.find(*part));
             (label, parts) = compact(&label);
+            mapped = self.mapped(&label, parts);
         }
         // Of inexact images there may be no end.
         for _ in 0..ROUNDS {
             let before = parts;
-            for (part, k) in self.mapped(&label, parts).missing {
+            for (part, k) in mapped.missing {
                 if let Some(piece) = self.piece(&label, part as u32, k) {
                     piece.into_iter().for_each(|cell| label[cell] = parts as u32);
                     parts += 1;
@@ -95,6 +96,7 @@ impl Turns<'_> {
                 break;
             }
             (label, parts) = compact(&label);
+            mapped = self.mapped(&label, parts);
         }
         label
     }
@@ -150,15 +152,14 @@ impl Turns<'_> {
             votes[j as usize] += sign(i as usize);
         }
         let image: Vec<usize> = (0..label.len()).filter(|&cell| votes[cell] > 0.0).collect();
-        let sum = |cells: &mut dyn Iterator<Item = usize>| cells.map(|cell| self.shares[cell]).sum::<f64>();
         let parts = label.iter().map(|&k| k as usize + 1).max()?;
+        let area = class_sums(label, self.shares, parts);
         let mut inside = vec![0.0; parts];
         image.iter().for_each(|&cell| inside[label[cell] as usize] += self.shares[cell]);
         let container = (0..parts).max_by(|&a, &b| inside[a].total_cmp(&inside[b]).then(b.cmp(&a)))?;
-        let whole = sum(&mut (0..label.len()).filter(|&cell| label[cell] == container as u32));
-        let [own, covered] =
-            [sum(&mut (0..label.len()).filter(|&cell| label[cell] == part)), sum(&mut image.iter().copied())];
-        let is_cut = inside[container] >= INSIDE * covered.max(own) && whole - inside[container] >= REST * covered;
+        let covered: f64 = image.iter().map(|&cell| self.shares[cell]).sum();
+        let (most, least) = (inside[container], INSIDE * covered.max(area[part as usize]));
+        let is_cut = most >= least && area[container] - most >= REST * covered;
         is_cut.then(|| image.into_iter().filter(|&cell| label[cell] == container as u32).collect())
     }
 }
