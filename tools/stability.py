@@ -3,16 +3,18 @@
 
   stability.py BENCHMARK OUT [--bin PROGRAM] [--subdivide PROGRAM] [--every 5] [--only a,b] [-- OPTIONS of segment]
 
-Copies: another seed; faces quartered twice, the same with noise of 15 % of a (fine) edge; noise of 5 and 15 % of an
+Copies: another seed; faces quartered twice, the same with noise of 15 % of a (fine) edge; noise of 5, 15 and 30 % of an
 edge; turned and rescaled; faces and vertices shuffled; decimated to a quarter of the faces (where the package
-fast_simplification is installed). BENCHMARK holds N.ply, N_j.seg and models.tsv; OUT gets labels and results.json, and
-what it has is not made again. Labels go from copy to original face by face: quartered faces by people's and the
-original's labels on all 16, decimated ones by the nearest centre. Columns: 1 - Rand to people, mean over people and
+fast_simplification is installed); the surface of 50 and 100 voxels along the longest side, as blocks or by marching
+cubes without smoothing (with trimesh and scikit-image). BENCHMARK holds N.ply, N_j.seg and models.tsv; OUT gets labels
+and results.json, and what it has is not made again. Labels go from copy to original face by face: quartered faces by
+people's and the original's labels on all 16, decimated ones and voxels by the nearest centre. Columns: 1 - Rand to people, mean over people and
 models; the paired difference from the original's with its standard error; 1 - Rand between copy and original; parts.
 Needs NumPy, SciPy and plyfile.
 """
 import argparse
 import glob
+import importlib.util
 import json
 import os
 import subprocess
@@ -28,10 +30,17 @@ VARIANTS = {
     "quartered and noise 15 %": ["--times", "2", "--noise", "0.15"],
     "noise 5 %": ["--noise", "0.05"],
     "noise 15 %": ["--noise", "0.15"],
+    "noise 30 %": ["--noise", "0.3"],
     "turned and rescaled": ["--turn", "40", "--scale", "37"],
     "shuffled": ["--shuffle"],
     "decimated": None,
+    "blocks 50": None,
+    "blocks 100": None,
+    "cubes 50": None,
+    "cubes 100": None,
 }
+
+VOXELS = [name for name in VARIANTS if name.split()[0] in ("blocks", "cubes")]
 
 
 def rand_distance(label, truth):
@@ -74,6 +83,42 @@ def decimate(source, target):
     return cKDTree(w[g].mean(1)).query(v[f].mean(1))[1]
 
 
+def blocks(solid):
+    """The squares between voxels inside and outside, each in two triangles."""
+    unit, squares = np.eye(3, dtype=int), []
+    for axis in range(3):
+        along = np.diff(solid.astype(np.int8), axis=axis)
+        up, one, two = (unit[(axis + k) % 3] for k in range(3))
+        for side in (1, -1):
+            low = np.argwhere(along == side) + up
+            ring = [low, low + one, low + one + two, low + two]
+            squares.append(np.stack(ring[::-1] if side == 1 else ring, 1))
+    squares = np.concatenate(squares)
+    v, number = np.unique(squares.reshape(-1, 3), axis=0, return_inverse=True)
+    number = number.reshape(-1, 4)
+    return v, np.concatenate([number[:, [0, 1, 2]], number[:, [0, 2, 3]]], 1).reshape(-1, 3)
+
+
+def voxels(source, target, kind, count):
+    """The surface of the voxels, as blocks or by marching cubes; the nearest new face of each old one."""
+    import trimesh
+    from scipy.spatial import cKDTree
+    from skimage.measure import marching_cubes
+    v, f = read_ply(source)
+    mesh = trimesh.Trimesh(v, f, process=False)
+    grid = mesh.voxelized(mesh.extents.max() / count).fill()
+    solid = np.pad(grid.matrix, 1)
+    if kind == "blocks":
+        w, g = blocks(solid)
+        w = w - 0.5
+    else:
+        w, g, _, _ = marching_cubes(solid.astype(np.float32), 0.5)
+        g = g[:, ::-1]
+    w = (w - 1) * grid.pitch + grid.transform[:3, 3]
+    write_ply(target, w, g)
+    return cKDTree(w[g].mean(1)).query(v[f].mean(1))[1]
+
+
 def labels_of(arg, model, variant, mesh):
     """Labels of the copy, and how to bring labels of the original and people's to its faces, or its to theirs."""
     with tempfile.TemporaryDirectory(dir=arg.out) as tmp:
@@ -83,6 +128,9 @@ def labels_of(arg, model, variant, mesh):
         elif variant == "decimated":
             copy = os.path.join(tmp, "x.ply")
             back = decimate(mesh, copy)
+        elif variant.split()[0] in ("blocks", "cubes"):
+            copy = os.path.join(tmp, "x.ply")
+            back = voxels(mesh, copy, variant.split()[0], int(variant.split()[1]))
         elif VARIANTS[variant]:
             copy = os.path.join(tmp, "x.ply")
             subprocess.run([arg.subdivide, mesh, copy, *VARIANTS[variant]], check=True)
@@ -126,11 +174,10 @@ def main():
     arg = parser.parse_args(words[:cut])
     arg.options = words[cut + 1:]
     arg.chosen = {"original", *(arg.only.split(",") if arg.only else VARIANTS)}
-    try:
-        import fast_simplification  # noqa: F401
-    except ImportError:
-        arg.chosen.discard("decimated")
-        print("stability: fast_simplification is not installed; nothing is decimated", file=sys.stderr)
+    for package, kinds in (("fast_simplification", ["decimated"]), ("trimesh", VOXELS), ("skimage", VOXELS)):
+        if importlib.util.find_spec(package) is None and not arg.chosen.isdisjoint(kinds):
+            arg.chosen -= set(kinds)
+            print(f"stability: {package} is not installed; nothing is made {' or '.join(kinds)}", file=sys.stderr)
     os.makedirs(arg.out, exist_ok=True)
     with open(os.path.join(arg.benchmark, "models.tsv")) as f:
         models = [line.split("\t")[0] for line in f.read().split("\n")[1:] if line][::arg.every]

@@ -13,6 +13,7 @@ pub mod boundary;
 pub mod cells;
 pub mod contract;
 pub mod crease;
+pub mod denoise;
 pub mod divide;
 pub mod extrapolate;
 pub mod few_nodes;

@@ -1,7 +1,7 @@
 //! The mesh in every small number of parts, from the kept hierarchy of a work directory: the data for a page's slider.
 
 use super::decision::{self, KeptDecision};
-use super::refinement::{self, Refinement};
+use super::proxy::{self, ProxyMesh};
 use crate::base::Result;
 use crate::cluster::parts::PartTree;
 use crate::cluster::{cells, contract};
@@ -54,8 +54,8 @@ pub fn cells(exact: bool, work: &WorkDir, context: Context<'_>) -> Result<Mapped
     let n = graph.nodes.len();
     let order = NodeOrder::kept(&input, n, work)?;
     let mut cells = context.work.array::<u32>(FILE, &[n])?;
-    if let Some(inner) = refinement::in_use(work, exact)?
-        && let Some(fine) = Refinement::kept(&graph, work)?
+    if let Some(inner) = proxy::in_use(work, exact)?
+        && let Some(fine) = ProxyMesh::kept(&graph, work)?
     {
         let cell = cells_of_nodes(fine.len(), exact, &inner)?;
         cells.data().iter_mut().zip(fine.of_nodes()).for_each(|(slot, own)| *slot = cell(fine.central(own) as usize));

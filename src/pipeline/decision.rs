@@ -8,7 +8,7 @@
 
 use super::labels::{self, SegmentStats};
 use super::params::{Cluster, SegmentParams};
-use super::refinement;
+use super::proxy;
 use super::sample::Sample;
 use super::surface::{self, SurfaceStage, WeightedSurface};
 use crate::base::{Error, Result};
@@ -160,8 +160,8 @@ fn assembled(
 /// # Errors
 /// As [`WorkDir::inner`].
 pub(super) fn kept_numbers(work: &WorkDir, exact: bool) -> Result<Option<SegmentStats>> {
-    let refined = refinement::in_use(work, exact)?;
-    let work = refined.as_deref().unwrap_or(work);
+    let proxy = proxy::in_use(work, exact)?;
+    let work = proxy.as_deref().unwrap_or(work);
     let inner = contraction_in_use(work, exact)?;
     if inner.is_none() && !is_current(work, false) {
         return Ok(None);
@@ -176,8 +176,8 @@ pub(super) fn kept_numbers(work: &WorkDir, exact: bool) -> Result<Option<Segment
 /// # Errors
 /// [`Error::WorkDir`] if there is none; [`Error::Io`], [`Error::Malformed`].
 pub fn tree_of(work: &WorkDir, exact: bool) -> Result<PartTree> {
-    let refined = refinement::in_use(work, exact)?;
-    let mesh = refined.as_deref().unwrap_or(work);
+    let proxy = proxy::in_use(work, exact)?;
+    let mesh = proxy.as_deref().unwrap_or(work);
     for contracted in [!exact, exact] {
         if !is_current(mesh, contracted) {
             continue;
@@ -277,8 +277,8 @@ impl KeptDecision {
             let cells = work.read_json::<CellGraph>(surface::CELL_GRAPH)?.cleaned()?;
             Ok(Self { decision: open(cells.len(), work)?, cells })
         };
-        let refined = refinement::in_use(work, exact)?;
-        let mesh = refined.as_deref().unwrap_or(work);
+        let proxy = proxy::in_use(work, exact)?;
+        let mesh = proxy.as_deref().unwrap_or(work);
         let inner = contraction_in_use(mesh, exact)?;
         let decided = inner.as_deref().unwrap_or(mesh);
         check_labels(work, decided)?;

@@ -2,7 +2,7 @@
 //! read of two mebibytes, in a kept directory of the whole file if that has changed since; a record takes a kilobyte.
 
 use super::params::{Cluster, SegmentParams};
-use super::refinement::RefinementStage;
+use super::proxy::ProxyStage;
 use crate::base::parallel::lock;
 use crate::base::{Cancel, Error, Result};
 use crate::graph::{DualGraph, Ordered};
@@ -212,8 +212,8 @@ pub(super) fn computes(params: &SegmentParams, faces: usize, temporary: bool, ru
         && WITH_ARRAYS * faces as u64 > run.resident
 }
 
-/// Orders the mesh, builds its graph and refines it if its triangles are long, or opens all of it; writes a record of
-/// mesh and options for later commands.
+/// Orders the mesh, builds its graph and a proxy if its triangles are long or rough, or opens all of it; writes a
+/// record of mesh and options for later commands.
 ///
 /// # Errors
 /// [`crate::base::Error::Unusable`] for too large meshes, [`crate::base::Error::Io`], [`crate::base::Error::Memory`],
@@ -231,7 +231,7 @@ pub fn graph(
         DualGraph::build
     };
     let graph = build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
-    context.stage(RefinementStage { mesh: &ordered.mesh, graph: &graph })?;
+    context.stage(ProxyStage { mesh: &ordered.mesh, graph: &graph })?;
     Record::of(opened, identity, params, context.work).write(context)?;
     Ok((ordered, graph))
 }

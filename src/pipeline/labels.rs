@@ -5,7 +5,7 @@
 
 use super::edits::PartMarks;
 use super::params::SegmentParams;
-use super::refinement::{Refinement, RefinementStage};
+use super::proxy::{ProxyMesh, ProxyStage};
 use super::surface::SurfaceStage;
 use crate::apps::colours;
 use crate::apps::edits::Edits;
@@ -33,19 +33,19 @@ const CHUNK: usize = 1 << 15;
 pub const LABELS: &str = "labels.npy";
 /// The confidences.
 pub(super) const QUALITY: &str = "quality.npy";
-/// The face and the label of each refined triangle, if parts were decided on these.
-const REFINED_LABELS: &str = "refined_labels.npy";
+/// The face and the label of each of a proxy's triangles, if parts were decided on finer ones.
+const PROXY_LABELS: &str = "proxy_labels.npy";
 /// The stage that writes them.
 pub(super) const STAGE: &str = "labels";
 /// Version of the algorithm that decides on parts, given the cells.
-pub(super) const DECISION_VERSION: u32 = 32;
+pub(super) const DECISION_VERSION: u32 = 33;
 /// Version of the algorithms behind labels: the sum of that of boundaries and colours, the first number, and those of
 /// all earlier stages. Labels of an older program are rejected when read.
 pub const LABELS_VERSION: u32 = 9
     + DECISION_VERSION
     + GraphStage::VERSION
     + WeightsStage::VERSION
-    + RefinementStage::VERSION
+    + ProxyStage::VERSION
     + SurfaceStage::VERSION
     + RowsStage::VERSION
     + Contraction::VERSION;
@@ -109,25 +109,25 @@ pub(super) struct Clustered {
     pub marks: PartMarks,
     /// Part of each cell (S), if parts are decided on cells.
     pub cell_labels: Vec<u32>,
-    /// The parts on the mesh's refinement, if they were decided there.
-    pub on_refinement: Option<OnRefinement>,
+    /// The parts on the mesh's proxy, if they were decided there on finer triangles.
+    pub on_proxy: Option<OnProxy>,
 }
 
-/// Parts on the refinement of a mesh.
-pub(super) struct OnRefinement {
-    pub refinement: Refinement,
+/// Parts on the proxy of a mesh.
+pub(super) struct OnProxy {
+    pub proxy: ProxyMesh,
     /// The label of each triangle (t).
     pub labels: Vec<u32>,
     /// Parts that touch each other there, as [`touching`] has them.
     pub pairs: Vec<(u32, u32, f64)>,
 }
 
-impl OnRefinement {
+impl OnProxy {
     /// Its labels as they are kept, and as writers take them, where the faces of the file have `labels`.
     fn keep(&self, order: &NodeOrder, labels: &[u32], work: &WorkDir) -> Result<FineLabels> {
-        let own = (0..).zip(&self.labels).map(|(k, &label)| [order.face(self.refinement.node(k)), label]);
-        let of_face = work.write(REFINED_LABELS, own.collect::<Vec<_>>().as_flattened(), 2)?;
-        Ok(self.refinement.fine_labels(of_face, labels))
+        let own = (0..).zip(&self.labels).map(|(k, &label)| [order.face(self.proxy.node(k)), label]);
+        let of_face = work.write(PROXY_LABELS, own.collect::<Vec<_>>().as_flattened(), 2)?;
+        Ok(self.proxy.fine_labels(of_face, labels))
     }
 }
 
@@ -140,7 +140,7 @@ impl Clustered {
         numbers: SegmentStats,
     ) -> Self {
         let (marks, cell_labels) = (PartMarks::default(), Vec::new());
-        Self { labels, boundary_nodes, quality, numbers, marks, cell_labels, on_refinement: None }
+        Self { labels, boundary_nodes, quality, numbers, marks, cell_labels, on_proxy: None }
     }
 }
 
@@ -179,7 +179,7 @@ pub struct SegmentedMesh {
     pub labels: MappedSlice<u32>,
     /// The confidence of each label, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
-    /// The labels on the mesh's refinement, and its key, if parts were decided there.
+    /// The labels on the mesh's proxy, and its key, if parts were decided there on finer triangles.
     pub fine: Option<(FineLabels, String)>,
     /// One colour per part; adjacent parts differ.
     pub colours: Vec<[u8; 3]>,
@@ -240,7 +240,7 @@ pub(super) fn stage_key(graph: &DualGraph, params: &SegmentParams, seed: u64) ->
 /// [`crate::base::Error::Io`].
 pub(super) fn begin(work: &WorkDir) -> Result<Option<StageRecord>> {
     let before = work.remove_record(STAGE)?;
-    work.remove(REFINED_LABELS);
+    work.remove(PROXY_LABELS);
     Ok(before)
 }
 
@@ -254,9 +254,9 @@ pub(super) fn label(
     context: Context<'_>,
 ) -> Result<SegmentedMesh> {
     let mut pairs = touching(graph, &clustered.labels, clustered.boundary_nodes.as_deref(), context.run)?;
-    if let Some(refined) = &clustered.on_refinement {
+    if let Some(decided) = &clustered.on_proxy {
         // Where faces are split, other parts touch.
-        pairs.extend_from_slice(&refined.pairs);
+        pairs.extend_from_slice(&decided.pairs);
         pairs.sort_by_key(|&(a, b, _)| (a, b));
         pairs.dedup_by_key(|pair| (pair.0, pair.1));
     }
@@ -264,9 +264,9 @@ pub(super) fn label(
     numbers.landmarks.iter_mut().for_each(|node| *node = order.face(*node));
     let labels = order.restore(LABELS, clustered.labels, context)?;
     let quality = order.restore(QUALITY, clustered.quality, context)?;
-    let fine = clustered.on_refinement.map(|refined| {
-        let fine = refined.keep(&order, &labels, context.work)?;
-        Ok((fine, refined.refinement.key().to_owned()))
+    let fine = clustered.on_proxy.map(|decided| {
+        let fine = decided.keep(&order, &labels, context.work)?;
+        Ok((fine, decided.proxy.key().to_owned()))
     });
     let mut colours = colours::assign(numbers.faces.len(), &pairs);
     if let Some(tiny_components) = numbers.tiny_components_label {
@@ -319,7 +319,7 @@ pub(super) fn keep_as(stage: Option<StageRecord>, result: &SegmentedMesh, work: 
 
 /// The files of `result`.
 fn files(result: &SegmentedMesh) -> &'static [&'static str] {
-    let all = &[LABELS, QUALITY, REFINED_LABELS];
+    let all = &[LABELS, QUALITY, PROXY_LABELS];
     if result.fine.is_some() { all } else { &all[..2] }
 }
 
@@ -330,7 +330,7 @@ fn files(result: &SegmentedMesh) -> &'static [&'static str] {
 pub(super) fn renumber_fine(fine: FineLabels, number: &[u32], labels: &[u32], work: &WorkDir) -> Result<FineLabels> {
     let new = |two: &[u32]| [two[0], number.get(two[1] as usize).copied().unwrap_or(two[1])];
     let all: Vec<[u32; 2]> = fine.triangles.chunks_exact(2).map(new).collect();
-    let triangles = work.write(REFINED_LABELS, all.as_flattened(), 2)?;
+    let triangles = work.write(PROXY_LABELS, all.as_flattened(), 2)?;
     Ok(FineLabels { triangles, belongs_to: FineLabels::hash(labels), ..fine })
 }
 
@@ -347,7 +347,7 @@ pub struct Labels {
     pub labels: MappedSlice<u32>,
     /// The confidence of each label, 0 to 1 (n).
     pub quality: MappedSlice<f32>,
-    /// The labels on the mesh's refinement, if parts were decided there.
+    /// The labels on the mesh's proxy, if parts were decided there on finer triangles.
     pub fine: Option<FineLabels>,
     /// The parts, by label.
     pub parts: Vec<Part>,
@@ -380,17 +380,17 @@ struct LabelFacts {
     pub tiny_components_label: Option<u32>,
     /// [`SegmentStats::walls_label`].
     pub walls_label: Option<u32>,
-    /// The key of the refinement that the parts were decided on.
+    /// The key of the proxy on whose finer triangles the parts were decided.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub refinement: Option<String>,
+    pub proxy: Option<String>,
 }
 
 impl LabelFacts {
     /// Of labels that nobody has corrected.
     fn of(result: &SegmentedMesh) -> Self {
         let SegmentStats { tiny_components_label, walls_label, .. } = result.numbers;
-        let refinement = result.fine.as_ref().map(|(_, key)| key.clone());
-        Self { parts: result.parts(), tiny_components_label, walls_label, refinement, ..Self::default() }
+        let proxy = result.fine.as_ref().map(|(_, key)| key.clone());
+        Self { parts: result.parts(), tiny_components_label, walls_label, proxy, ..Self::default() }
     }
 }
 
@@ -413,8 +413,8 @@ impl Labels {
         let quality = work.array_of(QUALITY, labels.len())?;
         let edits =
             facts.edits.as_ref().map(|text| Edits::of_text(text.as_bytes(), &work.place(MANIFEST))).transpose()?;
-        let LabelFacts { parts, corrected, tiny_components_label, walls_label, refinement, .. } = facts;
-        let fine = refinement.map(|key| fine_labels(&key, &labels, parts.len(), work)).transpose()?.flatten();
+        let LabelFacts { parts, corrected, tiny_components_label, walls_label, proxy, .. } = facts;
+        let fine = proxy.map(|key| fine_labels(&key, &labels, parts.len(), work)).transpose()?.flatten();
         Ok(Self { labels, quality, fine, parts, edits, corrected, tiny_components_label, walls_label })
     }
 
@@ -430,15 +430,15 @@ impl Labels {
     }
 }
 
-/// The labels on the refinement `key` in `work`, below `parts`, where faces have `labels`; `None` if the mesh has
-/// another refinement by now.
+/// The labels on the proxy `key` in `work`, below `parts`, where faces have `labels`; `None` if the mesh has
+/// another proxy by now.
 fn fine_labels(key: &str, labels: &[u32], parts: usize, work: &WorkDir) -> Result<Option<FineLabels>> {
-    let Some(refinement) = Refinement::with_key(key, labels.len(), work)? else { return Ok(None) };
-    let of_face = work.array_of::<u32>(REFINED_LABELS, 2 * refinement.len())?;
+    let Some(proxy) = ProxyMesh::with_key(key, labels.len(), work)? else { return Ok(None) };
+    let of_face = work.array_of::<u32>(PROXY_LABELS, 2 * proxy.len())?;
     if of_face.chunks_exact(2).any(|two| two[0] as usize >= labels.len() || two[1] as usize >= parts) {
-        return Err(work.damaged(REFINED_LABELS, "has a face or a label that does not exist"));
+        return Err(work.damaged(PROXY_LABELS, "has a face or a label that does not exist"));
     }
-    Ok(Some(refinement.fine_labels(of_face, labels)))
+    Ok(Some(proxy.fine_labels(of_face, labels)))
 }
 
 /// Pairs of adjacent parts, ascending, with the length of their common boundary in the frame (at least 1e-9).

@@ -23,14 +23,14 @@ pub mod labels;
 #[cfg(feature = "correspondence")]
 pub mod like;
 mod means;
+mod on_proxy;
 pub mod params;
 #[cfg(feature = "correspondence")]
 mod partial;
 mod parts;
 pub mod plan;
+mod proxy;
 pub mod recipe;
-mod refined;
-mod refinement;
 pub mod report;
 mod sample;
 pub mod sequence;

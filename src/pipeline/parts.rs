@@ -184,7 +184,7 @@ pub(super) fn parts(
     // Tiny components and pieces have additional boundaries.
     let boundary_nodes = (tiny_components_label.is_none() && !divided).then_some(boundary_nodes);
     let cell_labels = if divided { Vec::new() } else { decided.cell_labels };
-    Ok(Clustered { labels, boundary_nodes, quality, numbers, marks: decided.marks, cell_labels, on_refinement: None })
+    Ok(Clustered { labels, boundary_nodes, quality, numbers, marks: decided.marks, cell_labels, on_proxy: None })
 }
 
 /// The cells or contracted nodes of `whole`, whose nodes are in `order`, and their labels, without tree or corrections.

@@ -10,9 +10,9 @@ use super::edits::Corrections;
 use super::input;
 use super::labels::{self, SegmentedMesh, label};
 use super::means::{self, Means};
+use super::on_proxy;
 use super::params::{Cluster, SegmentParams, dimensions};
 use super::parts::PartRequests;
-use super::refined;
 use super::sample::rows;
 use crate::base::{Error, Result};
 use crate::cluster::parts::{PartTree, PartsParams};
@@ -67,7 +67,7 @@ pub fn segment_corrected(
             rows.release(context.work)?;
             clustered
         }
-        None => refined::parts(&graph, &order, params, PartRequests { tree: None, corrections }, context)?,
+        None => on_proxy::parts(&graph, &order, params, PartRequests { tree: None, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
 }
@@ -146,7 +146,7 @@ pub fn cluster(
                 means::over_faces(&graph, &rows, Means { embedding, fit }, context)?
             }
         },
-        None => refined::parts(&graph, &order, params, PartRequests { tree, corrections }, context)?,
+        None => on_proxy::parts(&graph, &order, params, PartRequests { tree, corrections }, context)?,
     };
     label(&graph, order, clustered, params, context)
 }

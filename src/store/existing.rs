@@ -50,7 +50,7 @@ impl WorkDir {
         is_of_two(self.path())
     }
 
-    /// The nested work directories, at any depth, that have a manifest, by path: `refined`, `refined/contracted`.
+    /// The nested work directories, at any depth, that have a manifest, by path: `proxy`, `proxy/contracted`.
     ///
     /// # Errors
     /// As [`WorkDir::inner`].

@@ -102,21 +102,21 @@ mod tests {
         assert!(verify(Context::new(&work, &run)).unwrap()[1].problem.is_some());
     }
 
-    /// The files of a contracted mesh lie in a folder of the work directory, those of a refined one in one within it.
+    /// The files of a contracted mesh lie in a folder of the work directory, those of a proxy in one within it.
     #[test]
     fn files_in_folders_are_checked_too() {
         let dir = tempfile::tempdir().unwrap();
         let work = WorkDir::open(&dir.path().join("w")).unwrap();
-        let refined = work.inner("refined").unwrap();
-        refined.record_stage(StageKey::new("r", 1, json!({})), &[], &(), 0.).unwrap();
-        let inner = refined.inner("contracted").unwrap();
+        let proxy = work.inner("proxy").unwrap();
+        proxy.record_stage(StageKey::new("r", 1, json!({})), &[], &(), 0.).unwrap();
+        let inner = proxy.inner("contracted").unwrap();
         npy::write(&inner.file("a.npy"), &[1u32; 100], 1, true).unwrap();
         inner.record_stage(StageKey::new("s", 1, json!({})), &["a.npy"], &(), 0.).unwrap();
         let path = inner.file("a.npy");
-        drop((inner, refined));
+        drop((inner, proxy));
         let run = Run::new(&());
         let found = || verify(Context::new(&work, &run)).unwrap();
-        assert!(found().len() == 1 && found()[0].file == "refined/contracted/a.npy" && found()[0].problem.is_none());
+        assert!(found().len() == 1 && found()[0].file == "proxy/contracted/a.npy" && found()[0].problem.is_none());
         std::fs::remove_file(path).unwrap();
         assert!(found()[0].problem.is_some());
     }

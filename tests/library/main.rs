@@ -13,6 +13,7 @@ mod correspond_parts;
 mod correspond_refined;
 mod creature_files;
 mod creature_mesh;
+mod denoising;
 mod duplicates;
 mod enclosed;
 mod evaluate_metrics;

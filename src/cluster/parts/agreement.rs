@@ -23,7 +23,7 @@ use libm::log as ln;
 pub const UNSURE: f64 = 0.5;
 /// Area-weighted mean share of people below which a surface may have no clear parts, and the [`disagreement`] above
 /// which it then has none. Plates have surer parts than terrain, bodies less disagreement.
-const UNCLEAR: (f64, f64) = (0.72, 0.155);
+const UNCLEAR: (f64, f64) = (0.725, 0.155);
 /// Constant, coefficient of the confidence, coefficient of the logarithm of the width.
 const FITTED: [f64; 3] = [0.68, 3.28, 0.96];
 /// Constant and factor that convert the disagreement expected by the ensemble to that of people.

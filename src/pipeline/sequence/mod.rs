@@ -23,7 +23,7 @@ use crate::landmarks::Sampling;
 use crate::mesh::Mesh;
 use crate::pipeline::input::Record;
 use crate::pipeline::params::{Cluster, LANDMARKS_AT_MOST, SegmentParams};
-use crate::pipeline::refinement::RefinementStage;
+use crate::pipeline::proxy::ProxyStage;
 use crate::store::stage::Stage;
 use crate::store::{Context, MappedSlice, WorkDir};
 use coordinates::{Coordinates, Task};
@@ -110,7 +110,7 @@ impl<'a> Sequencer<'a> {
         let Context { work, run } = self.context;
         let graph = DualGraph::build(&self.ordered.mesh, self.opened.path(), &self.ordered.identity, self.context)?;
         // For a later `cluster`, which has no mesh.
-        self.context.stage(RefinementStage { mesh: &self.ordered.mesh, graph: &graph })?;
+        self.context.stage(ProxyStage { mesh: &self.ordered.mesh, graph: &graph })?;
         let other = |record: Record| record.identity != *self.identity;
         if Record::read(work).map_or(true, other) {
             Record::of(self.opened, self.identity, &SegmentParams::default(), work).write(self.context)?;

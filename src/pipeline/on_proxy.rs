@@ -1,13 +1,12 @@
-//! The default method on a mesh of any kind of triangles: if they are long, parts are decided on its refinement, and
-//! each face gets the label that has most of its area. The labels of the refined triangles are kept, for outputs whose
-//! faces are split.
+//! The default method on a mesh of any kind: if it has a proxy, parts are decided on that, and each face gets the label
+//! that has most of its area. The labels of a proxy's finer triangles are kept, for outputs whose faces are split.
 //!
-//! Cost: that of [`parts`], on the mesh or on the refined one, which has at most 240,000 faces.
+//! Cost: that of [`parts`], on the mesh or on the proxy, which has at most 240,000 faces.
 
-use super::labels::{self, Clustered, LABELS, OnRefinement, QUALITY, SegmentStats, touching};
+use super::labels::{self, Clustered, LABELS, OnProxy, QUALITY, SegmentStats, touching};
 use super::params::SegmentParams;
 use super::parts::{self, PartRequests};
-use super::refinement::Refinement;
+use super::proxy::ProxyMesh;
 use super::surface::is_tiny;
 use crate::base::{Error, Result};
 use crate::cluster::divide::divide;
@@ -26,9 +25,9 @@ pub(super) fn parts(
     context: Context<'_>,
 ) -> Result<Clustered> {
     let nodes = requests.corrections.nodes(graph.nodes.len(), order, context.run)?;
-    let refinement = if params.exact_rows() { None } else { Refinement::kept(graph, context.work)? };
-    let clustered = match refinement {
-        Some(refinement) => RefinedMesh { graph, order, refinement }.parts(&nodes, params, requests, context)?,
+    let proxy = if params.exact_rows() { None } else { ProxyMesh::kept(graph, context.work)? };
+    let clustered = match proxy {
+        Some(proxy) => MeshAndProxy { graph, order, proxy }.parts(&nodes, params, requests, context)?,
         None => parts::parts(graph, (order, &nodes), params, requests, context)?,
     };
     requests.corrections.tell_unmet(&nodes, order, &clustered.labels, context.run);
@@ -87,15 +86,15 @@ impl NodeLabels {
     }
 }
 
-/// A mesh and its refinement.
-struct RefinedMesh<'a> {
+/// A mesh and its proxy.
+struct MeshAndProxy<'a> {
     graph: &'a DualGraph,
     order: &'a NodeOrder,
-    refinement: Refinement,
+    proxy: ProxyMesh,
 }
 
-impl RefinedMesh<'_> {
-    /// The parts of the mesh, decided on its refinement; `nodes` are those at the places of each edit.
+impl MeshAndProxy<'_> {
+    /// The parts of the mesh, decided on its proxy; `nodes` are those at the places of each edit.
     fn parts(
         &self,
         nodes: &[Vec<u32>],
@@ -103,9 +102,9 @@ impl RefinedMesh<'_> {
         requests: PartRequests<'_>,
         context: Context<'_>,
     ) -> Result<Clustered> {
-        let fine = &self.refinement;
+        let fine = &self.proxy;
         params.check_memory(fine.len() as u64, context.run)?;
-        let inner = Refinement::work(context.work)?;
+        let inner = ProxyMesh::work(context.work)?;
         let within = Context::new(&inner, context.run);
         let graph = fine.graph(within)?;
         let order = fine.order(self.order, &inner)?;
@@ -113,7 +112,7 @@ impl RefinedMesh<'_> {
         let places: Vec<Vec<u32>> = nodes.iter().map(|nodes| nodes.iter().map(central).collect()).collect();
         let clustered = parts::parts(&graph, (&order, &places), params, requests, within)?;
         let clustered = self.on_faces(clustered, &graph, params, &inner, context)?;
-        // Those of the refined mesh, which nobody reads.
+        // Those of the proxy, which nobody reads.
         [LABELS, QUALITY].iter().for_each(|name| inner.remove(name));
         Ok(clustered)
     }
@@ -121,39 +120,37 @@ impl RefinedMesh<'_> {
     /// Transfers what was decided in `inner` to the faces.
     fn on_faces(
         &self,
-        refined: Clustered,
+        decided: Clustered,
         graph: &DualGraph,
         params: &SegmentParams,
         inner: &WorkDir,
         context: Context<'_>,
     ) -> Result<Clustered> {
-        let refined_parts = refined.numbers.faces.len();
-        let tiny = self.tiny_nodes(refined.numbers.tiny_faces, inner)?;
-        let own = usize::from(refined.numbers.tiny_components_label.is_some());
+        let proxy_parts = decided.numbers.faces.len();
+        let tiny = self.tiny_nodes(decided.numbers.tiny_faces, inner)?;
+        let own = usize::from(decided.numbers.tiny_components_label.is_some());
         let wanted = params.parts.count.least() + own;
-        let mut all = self.most_of_faces(&refined, &tiny);
+        let mut all = self.most_of_faces(&decided, &tiny);
         all.reach(wanted, || self.largest(&tiny));
         let (kept, number) = all.numbers();
-        let quality = self.confidences(&refined, &all.of_node);
+        let quality = self.confidences(&decided, &all.of_node);
         let label: Vec<u32> = all.of_node.iter().map(|&old| number[old as usize]).collect();
-        let mut fine: Vec<u32> = refined.labels.iter().map(|&old| number[old as usize]).collect();
-        self.dissolve(&mut fine, &label, graph);
-        let pairs = touching(graph, &fine, None, context.run)?;
-        let mut on_refinement = Some(OnRefinement { refinement: self.refinement.clone(), labels: fine, pairs });
+        let fine = decided.labels.iter().map(|&old| number[old as usize]).collect();
+        let mut on_proxy = self.on_finer(fine, &label, graph, context)?;
         let moved = |own: Option<u32>| own.map(|old| number[old as usize]);
         let mut numbers = SegmentStats {
-            landmarks: self.landmarks(&refined.numbers.landmarks),
+            landmarks: self.landmarks(&decided.numbers.landmarks),
             tiny_faces: tiny.len() as u64,
-            tiny_components_label: moved(refined.numbers.tiny_components_label),
-            walls_label: moved(refined.numbers.walls_label),
-            ..refined.numbers
+            tiny_components_label: moved(decided.numbers.tiny_components_label),
+            walls_label: moved(decided.numbers.walls_label),
+            ..decided.numbers
         };
-        let marks = if kept.len() < refined_parts { refined.marks.of_parts(&kept) } else { refined.marks };
+        let marks = if kept.len() < proxy_parts { decided.marks.of_parts(&kept) } else { decided.marks };
         if let Some(decision) = &mut numbers.decision {
             let agreement = std::mem::take(&mut decision.expected_agreement);
             decision.expected_agreement = kept.iter().filter_map(|&old| agreement.get(old as usize).copied()).collect();
         }
-        let mut cell_labels: Vec<u32> = refined.cell_labels.iter().map(|&old| number[old as usize]).collect();
+        let mut cell_labels: Vec<u32> = decided.cell_labels.iter().map(|&old| number[old as usize]).collect();
         labels::begin(context.work)?;
         let mut labels = context.work.write(LABELS, &label, 1)?;
         let quality = context.work.write(QUALITY, &quality, 1)?;
@@ -173,7 +170,7 @@ impl RefinedMesh<'_> {
             numbers.walls_label = numbers.walls_label.map(|label| pieces.first[label as usize]);
             cell_labels.clear();
             // Pieces are those of faces.
-            on_refinement = None;
+            on_proxy = None;
             if let Some(decision) = &mut numbers.decision {
                 decision.expected_agreement.clear();
             }
@@ -184,20 +181,37 @@ impl RefinedMesh<'_> {
             totals.area[part as usize] += f64::from(self.graph.nodes.at(node).area);
         }
         let numbers = SegmentStats { faces: totals.faces, area: totals.area, ..numbers };
-        Ok(Clustered { labels, boundary_nodes: None, quality, numbers, marks, cell_labels, on_refinement })
+        Ok(Clustered { labels, boundary_nodes: None, quality, numbers, marks, cell_labels, on_proxy })
+    }
+
+    /// The parts on the proxy, if its triangles are finer than the faces; they have the labels `fine` (t) and nodes the
+    /// `label` (n).
+    fn on_finer(
+        &self,
+        mut fine: Vec<u32>,
+        label: &[u32],
+        graph: &DualGraph,
+        context: Context<'_>,
+    ) -> Result<Option<OnProxy>> {
+        if !self.proxy.is_finer() {
+            return Ok(None);
+        }
+        self.dissolve(&mut fine, label, graph);
+        let pairs = touching(graph, &fine, None, context.run)?;
+        Ok(Some(OnProxy { proxy: self.proxy.clone(), labels: fine, pairs }))
     }
 
     /// For each node the label with most of its area. Nodes in `tiny` components do not count, since they have no part
     /// of their own.
-    fn most_of_faces(&self, refined: &Clustered, tiny: &BTreeSet<usize>) -> NodeLabels {
-        let (labels, numbers) = (&refined.labels, &refined.numbers);
+    fn most_of_faces(&self, decided: &Clustered, tiny: &BTreeSet<usize>) -> NodeLabels {
+        let (labels, numbers) = (&decided.labels, &decided.numbers);
         let parts = numbers.faces.len();
         let mut all = NodeLabels { of_node: Vec::new(), nodes: vec![0; parts], minor: Vec::new() };
         if let Some(own) = numbers.tiny_components_label {
             all.nodes[own as usize] = tiny.len() as u64;
         }
         let mut sums = vec![0.; parts];
-        for (node, own) in self.refinement.of_nodes().enumerate() {
+        for (node, own) in self.proxy.of_nodes().enumerate() {
             let mut found: Vec<u32> = own.clone().map(|k| labels[k]).collect();
             self.weights(own.clone()).zip(own).for_each(|(weight, k)| sums[labels[k] as usize] += weight);
             found.sort_unstable();
@@ -241,7 +255,7 @@ impl RefinedMesh<'_> {
             let longer =
                 |most: (u32, f64), (label, length): (u32, f64)| if length > most.1 { (label, length) } else { most };
             let (most, length) = around.into_iter().fold((own, 0.), longer);
-            if length > 0. && piece.iter().all(|&k| label[self.refinement.node(k) as usize] != own) {
+            if length > 0. && piece.iter().all(|&k| label[self.proxy.node(k) as usize] != own) {
                 piece.iter().for_each(|&k| fine[k as usize] = most);
             }
         }
@@ -249,45 +263,45 @@ impl RefinedMesh<'_> {
 
     /// The nodes that are not in `tiny` components, the largest first.
     fn largest(&self, tiny: &BTreeSet<usize>) -> Vec<usize> {
-        let area = |own: Range<usize>| own.map(|k| self.refinement.area(k)).sum::<f64>();
+        let area = |own: Range<usize>| own.map(|k| self.proxy.area(k)).sum::<f64>();
         let mut all: Vec<(f64, usize)> =
-            self.refinement.of_nodes().map(area).zip(0..).filter(|(_, node)| !tiny.contains(node)).collect();
+            self.proxy.of_nodes().map(area).zip(0..).filter(|(_, node)| !tiny.contains(node)).collect();
         all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         all.into_iter().map(|(_, node)| node).collect()
     }
 
     /// The weight of each of the triangles `own` of a node: its area, or 1 if none has any.
     fn weights(&self, own: Range<usize>) -> impl Iterator<Item = f64> {
-        let fine = &self.refinement;
+        let fine = &self.proxy;
         let none = own.clone().all(|k| fine.area(k) <= 0.);
         own.map(move |k| if none { 1. } else { fine.area(k) })
     }
 
     /// The mean confidence of each node where its triangles have its `label` (n); 0 if none has.
-    fn confidences(&self, refined: &Clustered, label: &[u32]) -> Vec<f32> {
+    fn confidences(&self, decided: &Clustered, label: &[u32]) -> Vec<f32> {
         let mean = |(own, label): (Range<usize>, &u32)| {
             let (mut sum, mut total) = (0., 0.);
-            for (weight, k) in self.weights(own.clone()).zip(own).filter(|(_, k)| refined.labels[*k] == *label) {
-                (sum, total) = (sum + weight * f64::from(refined.quality[k]), total + weight);
+            for (weight, k) in self.weights(own.clone()).zip(own).filter(|(_, k)| decided.labels[*k] == *label) {
+                (sum, total) = (sum + weight * f64::from(decided.quality[k]), total + weight);
             }
             if total > 0. { (sum / total) as f32 } else { 0. }
         };
-        self.refinement.of_nodes().zip(label).map(mean).collect()
+        self.proxy.of_nodes().zip(label).map(mean).collect()
     }
 
     /// The nodes that the triangles `landmarks` lie on, each once.
     fn landmarks(&self, landmarks: &[u32]) -> Vec<u32> {
         let mut known = BTreeSet::new();
-        landmarks.iter().map(|&triangle| self.refinement.node(triangle)).filter(|&node| known.insert(node)).collect()
+        landmarks.iter().map(|&triangle| self.proxy.node(triangle)).filter(|&node| known.insert(node)).collect()
     }
 
-    /// The nodes in tiny components, if the number of refined ones is `triangles`.
+    /// The nodes in tiny components, if the number of the proxy's is `triangles`.
     fn tiny_nodes(&self, triangles: u64, inner: &WorkDir) -> Result<BTreeSet<usize>> {
         if triangles == 0 {
             return Ok(BTreeSet::new());
         }
-        let tiny = is_tiny(self.refinement.len(), inner)?;
-        let nodes = self.refinement.of_nodes().enumerate();
+        let tiny = is_tiny(self.proxy.len(), inner)?;
+        let nodes = self.proxy.of_nodes().enumerate();
         Ok(nodes.filter(|(_, own)| tiny(own.start)).map(|(node, _)| node).collect())
     }
 }
