@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Checks the rows of a run against SciPy's Dijkstra.
 
-    nystrom-stream segment MESH -k 6 --work-dir WORK
+    nystrom-stream segment MESH -k 6 --exact --work-dir WORK
     python3 tools/check_rows.py MESH WORK
 
 Rebuilds the graph from WORK/graph_*.npy, computes the distances from every landmark with

@@ -92,6 +92,7 @@ impl FineTriangles {
     }
 
     /// Splits all edges: four triangles for each.
+    #[cfg(feature = "correspondence")]
     pub fn quarter(&mut self) {
         self.split(&vec![[true; 3]; self.corners.len()], 3 * self.corners.len());
     }

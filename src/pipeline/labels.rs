@@ -327,6 +327,7 @@ fn files(result: &SegmentedMesh) -> &'static [&'static str] {
 ///
 /// # Errors
 /// [`crate::base::Error::Io`].
+#[cfg(feature = "correspondence")]
 pub(super) fn renumber_fine(fine: FineLabels, number: &[u32], labels: &[u32], work: &WorkDir) -> Result<FineLabels> {
     let new = |two: &[u32]| [two[0], number.get(two[1] as usize).copied().unwrap_or(two[1])];
     let all: Vec<[u32; 2]> = fine.triangles.chunks_exact(2).map(new).collect();

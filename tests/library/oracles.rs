@@ -872,7 +872,10 @@ fn rows_agree_with_scipy() {
     }
     for (k, mesh) in paths.iter().enumerate() {
         let (work, out) = (dir.path().join(format!("work{k}")), dir.path().join("x.seg"));
-        common::segment(mesh, &["-q", "-k", "4", "--work-dir", common::word(&work), "-o", common::word(&out)]);
+        common::segment(
+            mesh,
+            &["-q", "-k", "4", "--exact", "--work-dir", common::word(&work), "-o", common::word(&out)],
+        );
         let output = std::process::Command::new("python3").arg(&script).arg(mesh).arg(&work).output().unwrap();
         let told = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(output.status.success(), "{}: {told}{}", mesh.display(), common::errors(&output));

@@ -4,44 +4,38 @@ use crate::common;
 use nystrom_stream::{Mesh, Segmenter};
 use std::collections::HashMap;
 
-/// Height of the towers.
-const TOP: i32 = 34;
-/// Side of the floor.
-const SIDE: i32 = 72;
+/// Cubes around the axis, outward and upward.
+const SIZE: [i32; 3] = [120, 43, 30];
 
-/// Whether a cube of a castle is solid: a floor, walls, four towers and a keep, round, hollow and notched at the top.
-fn is_solid([x, y, z]: [i32; 3]) -> bool {
-    if ![x, y].iter().all(|k| (0..SIDE).contains(k)) || !(0..TOP).contains(&z) {
+/// Whether a cube of a round castle is solid: a floor, two walls, a keep, and four towers with battlements.
+fn is_solid([turn, out, up]: [i32; 3]) -> bool {
+    let [turns, wide, high] = SIZE;
+    if !(3..wide).contains(&out) || !(0..high).contains(&up) {
         return false;
     }
-    let radius = 0.13 * f64::from(SIDE);
-    let towers = [(radius, radius), (radius, -radius), (-radius, radius), (-radius, -radius)]
-        .map(|(a, b)| [a, b].map(|k| if k < 0. { f64::from(SIDE) + k } else { k }))
-        .map(|at| (at, radius));
-    let keep = ([f64::from(SIDE) / 2.; 2], 0.16 * f64::from(SIDE));
-    for ([a, b], radius) in towers.into_iter().chain([keep]) {
-        let (dx, dy) = (f64::from(x) - a, f64::from(y) - b);
-        let notch = ((dy.atan2(dx) / std::f64::consts::TAU * 16.).floor() as i32).rem_euclid(2) == 0;
-        if dx.hypot(dy) < radius {
-            return z < TOP - 4 || dx.hypot(dy) >= radius - 3. && !notch;
-        }
-    }
-    let wall = |k: i32| [8, 61].iter().any(|first| (*first..first + 3).contains(&k));
-    z < 2 || z < 16 && (wall(x) || wall(y))
+    let along = turn.rem_euclid(turns / 4);
+    let wall = (33..36).contains(&out) && up < 15 || (20..22).contains(&out) && up < 10 || out < 14 && up < 24;
+    let in_tower = along < 14 && (29..40).contains(&out);
+    let at_rim = !(3..11).contains(&along) || !(32..37).contains(&out);
+    let battlement = at_rim && (along / 3 + out / 3) % 2 == 0;
+    up < 2 || wall || in_tower && (up < high - 4 || battlement)
 }
 
-/// The surface of the solid cubes, two triangles per square.
+/// The surface of the solid cubes, bent around the axis, so without stairs; two triangles per square.
 fn castle() -> Mesh {
     let (mut number, mut points, mut faces) = (HashMap::new(), Vec::new(), Vec::new());
-    let mut corner = |at: [i32; 3]| {
-        *number.entry(at).or_insert_with(|| {
-            points.push(at.map(f64::from));
+    let mut corner = |[turn, out, up]: [i32; 3]| {
+        let turn = turn.rem_euclid(SIZE[0]);
+        *number.entry([turn, out, up]).or_insert_with(|| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(turn) / f64::from(SIZE[0])).sin_cos();
+            points.push([f64::from(out) * cos, f64::from(out) * sin, f64::from(up)].map(|x| x as f32));
             points.len() as u32 - 1
         })
     };
-    let cubes = (0..SIDE).flat_map(|x| (0..SIDE).flat_map(move |y| (0..TOP).map(move |z| [x, y, z])));
-    for cube in cubes.filter(|&cube| is_solid(cube)) {
-        for (axis, side) in (0..3).flat_map(|axis| [(axis, 0), (axis, 1)]) {
+    let [turns, wide, high] = SIZE;
+    for (axis, side) in (0..3).flat_map(|axis| [(axis, 0), (axis, 1)]) {
+        let cubes = (0..turns).flat_map(|a| (0..wide).flat_map(move |b| (0..high).map(move |c| [a, b, c])));
+        for cube in cubes.filter(|&cube| is_solid(cube)) {
             let mut next = cube;
             next[axis] += 2 * side - 1;
             if is_solid(next) {
