@@ -140,7 +140,7 @@ impl Segmenter {
     }
 
     /// Computes rows over the mesh's own faces, not over the contraction of a large mesh, which is faster and steadier,
-    /// nor over the refinement of one of long triangles.
+    /// nor over the proxy of a small one that is rough or has long triangles.
     #[must_use]
     pub fn exact(mut self, exact: bool) -> Self {
         self.params.exact = exact;

@@ -144,7 +144,7 @@ pub struct DistanceArgs {
     #[arg(long, hide_short_help = true, value_parser = choice::<Sampling>())]
     pub sampling: Option<Sampling>,
     /// Compute rows of distances over the faces of the file, neither over a coarser copy of a large mesh nor over a
-    /// finer one of long triangles
+    /// finer one of long triangles or a denoised one of a rough mesh
     #[arg(long, hide_short_help = true)]
     pub exact: bool,
     /// Now the default

@@ -86,7 +86,8 @@ pub struct SegmentParams {
     /// How many parts, and how [`Cluster::Parts`] decides on them.
     pub parts: PartsParams,
     /// Whether rows are computed over the mesh's own faces. By default a large mesh is contracted first, and there are
-    /// more rows over the contraction; with [`Cluster::Parts`], a mesh of long triangles is refined first.
+    /// more rows over the contraction; with [`Cluster::Parts`], a small mesh of long triangles is refined first, and a
+    /// rough one denoised.
     #[serde(default)]
     pub exact: bool,
     /// The treatment of components too small to be parts, with [`Cluster::Parts`]. With [`Cluster::Components`] they

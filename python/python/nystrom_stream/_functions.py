@@ -154,7 +154,7 @@ def segment(mesh: MeshLike, faces: Any = None, parts: Optional[int] = None, *, p
     sampling: "farthest", "distance-weighted", "random", "uniform", "geodesic-farthest", "centroids", "cholesky", "greedy" or
         "pooled-greedy"; by default farthest, and distance-weighted if parts of a mesh above 60,000 faces are found on its contraction.
     exact: compute rows of distances over the faces of the mesh, neither over the contraction of a large mesh nor over the
-        refinement of one of long triangles.
+        proxy of a small one (refined if triangles are long, denoised if it is rough).
     metric: "scale-free" (with `beta`, `eta`), "paper" (`delta`, `eta`) or "geodesic".
     order: in which faces are processed: "auto", "keep" or "hilbert".
     kernel, sigma, normalise, unit_rows: the embedding of "kmeans" and "two-means".

@@ -62,7 +62,7 @@ class _Labelled(_OfMesh):
     _names: list[str]
     # Found when they are asked for: labels may be any numbers, and there is a colour for each up to the greatest.
     _colours: Optional[NDArray[np.uint8]] = None
-    # Labels on the refinement of a mesh of long triangles, for `split_faces`.
+    # Labels on the finer triangles of a proxy, for `split_faces`.
     _fine: Optional[tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.uint32], int, int]] = None
     # What the labels were cut from, for a page.
     _cells: Optional[NDArray[np.uint32]] = None
