@@ -30,7 +30,7 @@ const NOISE: f64 = 0.75;
 /// The same if it consists of stairs. With .75, 1 − Rand is .105 instead of .093 on marching cubes of 50 voxels; with
 /// .85 for noise too, one bust of the benchmark loses its neck.
 const STAIRS: f64 = 0.85;
-/// Maximum number of steps: noise of 30 % of an edge takes 3 to 10.
+/// Maximum number of steps: with the bound of stairs, noise of 30 % of an edge would take 3 to 10.
 const MOST: usize = 10;
 
 /// The vertices of `positions` (v × 3) after denoising, and in how many steps; `corners` are those of the triangles.

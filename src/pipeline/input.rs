@@ -231,7 +231,10 @@ pub fn graph(
         DualGraph::build
     };
     let graph = build(&ordered.mesh, opened.path(), &ordered.identity, context)?;
-    context.stage(ProxyStage { mesh: &ordered.mesh, graph: &graph })?;
+    // A kept one may be cut by other options later, without the mesh.
+    if !context.work.is_temporary() || params.cluster == Cluster::Parts && !params.exact_rows() {
+        context.stage(ProxyStage { mesh: &ordered.mesh, graph: &graph })?;
+    }
     Record::of(opened, identity, params, context.work).write(context)?;
     Ok((ordered, graph))
 }

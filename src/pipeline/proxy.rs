@@ -86,7 +86,7 @@ pub(super) struct ProxyFacts {
     length: f64,
     /// Steps of denoising.
     steps: usize,
-    /// Its triangles; 0 if the mesh has none.
+    /// Number of its triangles; 0 if the mesh has no proxy.
     triangles: usize,
     /// How many of their vertices are vertices of the mesh.
     originals: usize,

@@ -1,21 +1,14 @@
 //! Rough meshes and the stairs of voxels: parts are decided on a denoised surface, and labels are those of the faces.
 
 use nystrom_stream::apps::creature::{Creature, Options};
+use nystrom_stream::apps::evaluate::compare;
 use nystrom_stream::store::Run;
 use nystrom_stream::{Mesh, SaveOptions, Segmenter};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 /// 1 − Rand index of two labellings.
 fn apart(a: &[u32], b: &[u32]) -> f64 {
-    let pairs = |counts: Vec<f64>| counts.iter().map(|x| x * (x - 1.) / 2.).sum::<f64>();
-    let count = |keys: Vec<[u32; 2]>| {
-        let mut all: BTreeMap<[u32; 2], f64> = BTreeMap::new();
-        keys.into_iter().for_each(|key| *all.entry(key).or_default() += 1.);
-        pairs(all.into_values().collect())
-    };
-    let joint = count(a.iter().zip(b).map(|(&a, &b)| [a, b]).collect());
-    let own = |labels: &[u32]| count(labels.iter().map(|&label| [label, 0]).collect());
-    (own(a) + own(b) - 2. * joint) / pairs(vec![a.len() as f64])
+    compare(None, a, b).unwrap().rand
 }
 
 /// Solid voxels: two balls of radius 9 at the ends of a rod of radius 3.

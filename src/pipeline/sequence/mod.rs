@@ -110,7 +110,9 @@ impl<'a> Sequencer<'a> {
         let Context { work, run } = self.context;
         let graph = DualGraph::build(&self.ordered.mesh, self.opened.path(), &self.ordered.identity, self.context)?;
         // For a later `cluster`, which has no mesh.
-        self.context.stage(ProxyStage { mesh: &self.ordered.mesh, graph: &graph })?;
+        if !work.is_temporary() {
+            self.context.stage(ProxyStage { mesh: &self.ordered.mesh, graph: &graph })?;
+        }
         let other = |record: Record| record.identity != *self.identity;
         if Record::read(work).map_or(true, other) {
             Record::of(self.opened, self.identity, &SegmentParams::default(), work).write(self.context)?;
