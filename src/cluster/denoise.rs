@@ -16,12 +16,12 @@
 //! noise.
 //!
 //! Cost: a sort of the edges; then each step and each measurement is a pass over vertices or edges, 5 for a clean mesh,
-//! 15 at the most. Memory: 24 bytes per vertex for each of the steps ahead, 60 per edge.
+//! 15 at the most. Memory: 24 bytes per vertex for each of the steps ahead and 40 for components, 60 per edge.
 
 use crate::base::union_find::Forest;
 use crate::base::vector::{add_scaled, area, double_area, finite, length, minus, narrow, position_key, unit};
 use crate::graph::angle::between;
-use std::collections::{HashMap, VecDeque};
+use std::collections::HashMap;
 
 /// By so many steps a further step is judged: stairs hardly turn less after the first.
 const AHEAD: usize = 4;
@@ -40,24 +40,25 @@ pub fn denoised(positions: &[[f64; 3]], corners: &[[u32; 3]]) -> (Vec<[f64; 3]>,
     let first: Vec<[f64; 3]> = surface.vertices.iter().map(|&v| positions[v as usize]).collect();
     let sizes = surface.sizes(&first);
     let measured = |places: Vec<[f64; 3]>| (surface.turning(&places), places);
-    let mut ahead = VecDeque::from([measured(first)]);
-    let (mut steps, mut clean) = (0, NOISE);
-    loop {
-        while steps < MOST && ahead.len() <= AHEAD {
-            ahead.extend(ahead.back().map(|(_, last)| measured(surface.step(last, &sizes))));
+    // Turning and places after each step; places are dropped once a further step is taken.
+    let mut states = vec![measured(first)];
+    let look_ahead = |states: &mut Vec<(f64, Vec<[f64; 3]>)>, steps: usize| {
+        while states.len() <= steps + AHEAD {
+            let next = surface.step(&states[states.len() - 1].1, &sizes);
+            states.push(measured(next));
         }
-        if steps == 0 && ahead[2].0 * ahead[0].0 <= ahead[1].0 * ahead[1].0 {
-            clean = STAIRS;
-        }
-        let gains = ahead.len() > AHEAD && ahead[AHEAD].0 < clean * ahead[0].0;
-        match ahead.pop_front() {
-            Some(_) if gains => steps += 1,
-            Some((_, places)) => {
-                return (surface.place.iter().map(|&place| places[place as usize]).collect(), steps);
-            }
-            None => return (positions.to_vec(), 0),
-        }
+    };
+    look_ahead(&mut states, 0);
+    let is_stairs = states[2].0 * states[0].0 <= states[1].0 * states[1].0;
+    let clean = if is_stairs { STAIRS } else { NOISE };
+    let mut steps = 0;
+    while steps < MOST && states[steps + AHEAD].0 < clean * states[steps].0 {
+        states[steps].1 = Vec::new();
+        steps += 1;
+        look_ahead(&mut states, steps);
     }
+    let places = &states[steps].1;
+    (surface.place.iter().map(|&place| places[place as usize]).collect(), steps)
 }
 
 /// Centre and mean square distance from it.
@@ -76,9 +77,8 @@ struct Surface {
     /// Where the neighbours of each place begin (p + 1).
     starts: Vec<usize>,
     neighbours: Vec<u32>,
-    /// The component of each place (p), and how many there are.
+    /// The component of each place (p): a place in it.
     component: Vec<u32>,
-    components: usize,
 }
 
 struct Edge {
@@ -135,18 +135,9 @@ impl Surface {
         }
         pairs.sort_unstable();
         let starts = (0..=vertices.len()).map(|p| pairs.partition_point(|pair| (pair[0] as usize) < p)).collect();
-        let mut component = forest.labels();
-        let mut components = 0;
-        for place in 0..component.len() {
-            component[place] = if component[place] as usize == place {
-                components += 1;
-                components as u32 - 1
-            } else {
-                component[component[place] as usize]
-            };
-        }
+        let component = forest.labels();
         let neighbours = pairs.into_iter().map(|[_, b]| b).collect();
-        Self { place, vertices, corners, edges, starts, neighbours, component, components }
+        Self { place, vertices, corners, edges, starts, neighbours, component }
     }
 
     /// Total turning, in units of √area; 0 without area.
@@ -188,9 +179,9 @@ impl Surface {
         moved
     }
 
-    /// The size of each component.
+    /// The size of each component, at the place that stands for it.
     fn sizes(&self, places: &[[f64; 3]]) -> Vec<Size> {
-        let (mut centres, mut counts) = (vec![[0.; 3]; self.components], vec![0.; self.components]);
+        let (mut centres, mut counts) = (vec![[0.; 3]; places.len()], vec![0.; places.len()]);
         let each = || places.iter().zip(&self.component).map(|(place, &component)| (*place, component as usize));
         for (place, component) in each() {
             centres[component] = add_scaled(centres[component], 1., place);

@@ -5,6 +5,7 @@
 
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::cluster::cells::OF_FACE;
+use nystrom_stream::cluster::contract;
 use nystrom_stream::cluster::parts::CellGraph;
 use nystrom_stream::graph::{DualGraph, NodeOrder};
 use nystrom_stream::mesh::{self, read_seg};
@@ -15,9 +16,17 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Numbers after a model's name that are tried for people's labels; some may be left out.
 const PEOPLE: usize = 100;
+/// The graph of cells in the work directory where parts are decided.
+const CELL_GRAPH: &str = "cell_graph.json";
+/// Work directories within others: of a proxy, and of a contraction.
+const CONTRACTED: &str = "contracted";
+const PROXY: &str = "proxy";
+/// The node of the mesh for each triangle of its proxy.
+const PROXY_NODES: &str = "proxy_nodes.npy";
 
 /// The part of a cell that a person gave one label.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
@@ -25,6 +34,7 @@ pub struct Overlap {
     pub cell: u32,
     /// The person's label, numbered from 0.
     pub label: u32,
+    /// Faces, or triangles of the mesh's proxy.
     pub faces: u32,
     pub area: f64,
 }
@@ -99,36 +109,71 @@ fn make(benchmark: &Path, name: &str, scratch: &Path, seed: u64) -> Result<Data>
     let path = benchmark.join(format!("{name}.ply"));
     let opened = mesh::open(&path, work.path(), &run)?;
     segment(&opened, &input::identity(&path)?, &SegmentParams::default(), Context::new(&work, &run))?;
-    let file = work.file("cell_graph.json");
+    let decided = Decided::of(&work)?;
+    let cells_in = decided.work.as_deref().unwrap_or(&work);
+    let file = cells_in.file(CELL_GRAPH);
     let text = fs::read(&file).map_err(Error::io(&file, "read"))?;
     let wrong = |error: serde_json::Error| Error::malformed(&file, "cell graph", error.to_string(), "report this");
     let cells = serde_json::from_slice::<CellGraph>(&text).map_err(wrong)?.cleaned()?;
-    let rows = work.open_array::<f64>("cell_rows.npy")?;
+    let rows = cells_in.open_array::<f64>("cell_rows.npy")?;
     let landmarks = rows.len() / cells.len().max(1);
     let rows = LandmarkDistances::new(&rows, landmarks, cells.len()).values;
-    let people = people(benchmark, name, &work)?;
+    let people = people(benchmark, name, &work, &decided)?;
     Ok(Data { cells, rows, landmarks, people })
 }
 
-/// People's labels of the faces of each cell.
-fn people(benchmark: &Path, name: &str, work: &WorkDir) -> Result<Vec<Vec<Overlap>>> {
+/// Where in a work directory parts were decided.
+struct Decided {
+    /// That of the mesh's proxy, or of a contraction in either; `None`: that of the mesh.
+    work: Option<Arc<WorkDir>>,
+    /// For each face, or each triangle of the proxy, its cell.
+    cell: Vec<u16>,
+    /// The node of the mesh that each triangle of the proxy stands for; `None` without a proxy.
+    node: Option<Vec<u32>>,
+    /// The area of each face or triangle.
+    area: Vec<f32>,
+}
+
+impl Decided {
+    fn of(mesh: &WorkDir) -> Result<Self> {
+        let within = |work: &WorkDir, name| work.path().join(name).exists().then(|| work.inner(name)).transpose();
+        let proxy = within(mesh, PROXY)?;
+        let node = proxy.is_some().then(|| mesh.open_array::<u32>(PROXY_NODES)).transpose()?;
+        let faces = proxy.as_deref().unwrap_or(mesh);
+        let graph = DualGraph::kept(faces)?.0;
+        let area = (0..graph.nodes.len()).map(|k| graph.nodes.at(k).area).collect();
+        let node = node.map(|node| node.to_vec());
+        let contracted = within(faces, CONTRACTED)?.filter(|inner| inner.file(CELL_GRAPH).exists());
+        match contracted {
+            Some(inner) if !faces.file(CELL_GRAPH).exists() => {
+                let (of_node, cell) = (inner.open_array::<u16>(contract::OF_FACE)?, inner.open_array::<u16>(OF_FACE)?);
+                let cell = of_node.iter().map(|&k| cell[usize::from(k)]).collect();
+                Ok(Self { work: Some(inner), cell, node, area })
+            }
+            _ => Ok(Self { cell: faces.open_array::<u16>(OF_FACE)?.to_vec(), work: proxy, node, area }),
+        }
+    }
+}
+
+/// People's labels of the faces, or of the triangles of the mesh's proxy, of each cell.
+fn people(benchmark: &Path, name: &str, work: &WorkDir, decided: &Decided) -> Result<Vec<Vec<Overlap>>> {
     let (graph, input) = DualGraph::kept(work)?;
     let order = NodeOrder::kept(&input, graph.nodes.len(), work)?;
-    let cell = work.open_array::<u16>(OF_FACE)?;
+    let node = |k: usize| decided.node.as_ref().map_or(k as u32, |nodes| nodes[k]);
     let paths = (0..PEOPLE).map(|j| benchmark.join(format!("{name}_{j}.seg"))).filter(|path| path.exists());
     let person = |path: std::path::PathBuf| {
         let labels = read_seg(&path)?;
-        if labels.len() != cell.len() {
+        if labels.len() != graph.nodes.len() {
             return Err(Error::unusable(path, "is not of this mesh", "give one label a face"));
         }
         let mut numbers = HashMap::new();
         let mut found: BTreeMap<(u32, u32), (u32, f64)> = BTreeMap::new();
-        for (node, cell) in (0..).zip(cell.iter().map(|&cell| u32::from(cell))) {
+        for (k, (&cell, &area)) in decided.cell.iter().zip(&decided.area).enumerate() {
             let next = numbers.len() as u32;
-            let label = *numbers.entry(labels[order.face(node) as usize]).or_insert(next);
-            let sums = found.entry((cell, label)).or_default();
+            let label = *numbers.entry(labels[order.face(node(k)) as usize]).or_insert(next);
+            let sums = found.entry((u32::from(cell), label)).or_default();
             sums.0 += 1;
-            sums.1 += f64::from(graph.nodes.at(node as usize).area);
+            sums.1 += f64::from(area);
         }
         Ok(found.into_iter().map(|((cell, label), (faces, area))| Overlap { cell, label, faces, area }).collect())
     };
