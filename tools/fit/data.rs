@@ -179,3 +179,54 @@ fn people(benchmark: &Path, name: &str, work: &WorkDir, decided: &Decided) -> Re
     };
     paths.map(person).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fmt::Write;
+
+    /// A torus of 3,600 triangles whose vertices are off by up to `noise` of its thickness.
+    fn torus(noise: f64) -> String {
+        let (around, across) = (60, 30);
+        let turn = |k: u32, n: u32| std::f64::consts::TAU * f64::from(k) / f64::from(n);
+        let mut text = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n\
+             element face {}\nproperty list uchar uint vertex_indices\nend_header\n",
+            around * across,
+            2 * around * across
+        );
+        for k in 0..around * across {
+            let (u, v) = (turn(k / across, around), turn(k % across, across));
+            let off = noise * ((f64::from(k) * 0.618_034).fract() * 7919.).fract();
+            let (far, up) = (3. + (1. + off) * v.cos(), (1. + off) * v.sin());
+            writeln!(text, "{} {} {up}", far * u.cos(), far * u.sin()).unwrap();
+        }
+        for k in 0..around * across {
+            let at = |i: u32, j: u32| (k / across + i) % around * across + (k % across + j) % across;
+            let [a, b, c, d] = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
+            writeln!(text, "3 {a} {b} {c}\n3 {a} {c} {d}").unwrap();
+        }
+        text
+    }
+
+    /// The fit stopped at the first mesh whose parts are decided on a proxy.
+    #[test]
+    fn smooth_and_rough_models_are_read_with_all_their_faces() {
+        let folder = tempfile::tempdir().unwrap();
+        let halves: String = (0..3600).map(|k| if k < 1800 { "0\n" } else { "7\n" }).collect();
+        for (name, noise) in [("smooth", 0.), ("rough", 0.2)] {
+            fs::write(folder.path().join(format!("{name}.ply")), torus(noise)).unwrap();
+            fs::write(folder.path().join(format!("{name}_0.seg")), &halves).unwrap();
+        }
+        fs::write(folder.path().join("models.tsv"), "model\tcategory\tparts\nsmooth\ttorus\t2\nrough\ttorus\t2\n")
+            .unwrap();
+        let models = models(folder.path()).unwrap();
+        let all = collect(folder.path(), &models, &folder.path().join("cache"), 0, &Run::new(&())).unwrap();
+        assert_eq!(all.len(), 2);
+        for data in all {
+            let faces = |label| data.people[0].iter().filter(|o| o.label == label).map(|o| o.faces).sum::<u32>();
+            assert_eq!((data.people.len(), faces(0), faces(1)), (1, 1800, 1800));
+            assert_eq!(data.rows.len(), data.landmarks * data.cells.len());
+        }
+    }
+}
