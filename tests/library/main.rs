@@ -38,3 +38,4 @@ mod study;
 mod thin_plates;
 mod thin_walls;
 mod transfer;
+mod tubes;

@@ -7,6 +7,7 @@
 
 use super::ambiguous::without_ambiguous;
 use super::answer::PartDecision;
+use super::arbitrary_cuts::without_arbitrary;
 use super::cell_graph::{CellGraph, class_sums};
 use super::ensemble::Superfaces;
 use super::interior::enclosed::Layers;
@@ -161,7 +162,8 @@ impl Deciding<'_> {
         self.sides.last().map(|map| Sides::new(superfaces, self.shares, map))
     }
 
-    /// The averaged co-association, and the labels of superfaces, both sides alike, without ambiguous patches.
+    /// The averaged co-association, and the labels of superfaces, both sides alike, without ambiguous patches
+    /// and arbitrary cuts.
     fn labels(&self, superfaces: &Superfaces, c: Square) -> (Square, Vec<u32>) {
         let alike = self.averaged(superfaces, c);
         let mut best = labelling::best_labelling(&superfaces.area, &alike);
@@ -169,6 +171,7 @@ impl Deciding<'_> {
             best = two.cut_alike(&best, &alike);
         }
         let label = without_ambiguous(self.cells, superfaces, &alike, &best);
+        let label = without_arbitrary(self.cells, superfaces, &alike, &label);
         (alike, label)
     }
 

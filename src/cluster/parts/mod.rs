@@ -12,8 +12,8 @@
 //! - Its mean over the ensemble, by log odds, is the co-association: a probability for any two [`Superfaces`].
 //! - If the surface is its own mirror image, or a posed body is symmetric along its surface, both sides are decided
 //!   alike ([`symmetry`]); so is what rotations map onto itself.
-//! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches, and a whole
-//!   [`hierarchy`] around them.
+//! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches and
+//!   `arbitrary_cuts`, and a whole [`hierarchy`] around them.
 //! - [`hints`] changes a labelling according to people's edits; `split` divides a part further along the hierarchy.
 //! - [`agreement`] estimates how certain a part is and how many people would have it.
 //! - [`decide`] combines all of this; [`consensus`] has the simpler decisions.
@@ -25,6 +25,7 @@
 pub mod agreement;
 mod ambiguous;
 mod answer;
+mod arbitrary_cuts;
 pub mod cell_graph;
 pub mod cell_kmeans;
 pub mod consensus;
