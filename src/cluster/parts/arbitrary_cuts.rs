@@ -27,6 +27,14 @@ const A_PLACE: f64 = 0.6;
 /// A component whose area vectors sum to more than this share of its area is a sheet.
 const OPEN: f64 = 0.25;
 
+/// The boundary between two parts within a component.
+struct Cut {
+    component: u32,
+    /// The integral of C along it.
+    c: f64,
+    length: f64,
+}
+
 /// Joins the parts of each connected component that is cut at no place in particular. Returns labels (R) of the
 /// superfaces of `cells`, numbered by first appearance; C is R × R.
 pub(super) fn without_arbitrary(
@@ -41,38 +49,40 @@ pub(super) fn without_arbitrary(
         forest.join(a, b);
     }
     let component = forest.labels();
-    // Between two parts of a component: the integral of C along their boundary, and its length.
-    let mut across: BTreeMap<(u32, u32, u32), (f64, f64)> = BTreeMap::new();
+    let mut sums: BTreeMap<(u32, u32, u32), (f64, f64)> = BTreeMap::new();
     for &(a, b, between) in &boundaries {
         let [i, j] = [a, b].map(|x| label[x as usize]);
         if i != j {
-            let (sum, all) = across.entry((component[a as usize], i.min(j), i.max(j))).or_default();
-            *sum += between * co_association[(a as usize, b as usize)];
-            *all += between;
+            let (c, length) = sums.entry((component[a as usize], i.min(j), i.max(j))).or_default();
+            *c += between * co_association[(a as usize, b as usize)];
+            *length += between;
         }
     }
-    let across: Vec<(u32, f64, f64)> = across.into_iter().map(|((root, ..), (sum, all))| (root, sum, all)).collect();
-    let mut open = vec![([0.; 3], 0.); label.len()];
+    let cuts: Vec<Cut> = sums.into_iter().map(|((component, ..), (c, length))| Cut { component, c, length }).collect();
+    let mut vectors = vec![([0.; 3], 0.); label.len()];
     for ((&x, &area), &normal) in superfaces.of_cell.iter().zip(&cells.area).zip(&cells.normal) {
-        let (vector, all) = &mut open[component[x as usize] as usize];
+        let (vector, all) = &mut vectors[component[x as usize] as usize];
         *vector = add_scaled(*vector, area, normal);
         *all += area;
     }
-    let is_sheet = |root: u32| length(open[root as usize].0) > OPEN * open[root as usize].1;
-    let is_whole = |own: &&[(u32, f64, f64)]| {
-        let (sum, all) = own.iter().fold((0., 0.), |(sum, all), own| (sum + own.1, all + own.2));
-        sum >= NO_PLACE * all && !is_sheet(own[0].0) && own.iter().all(|(_, sum, all)| *sum >= A_PLACE * all)
+    let is_sheet = |component: u32| {
+        let (vector, area) = vectors[component as usize];
+        length(vector) > OPEN * area
+    };
+    let is_arbitrary = |cuts: &&[Cut]| {
+        let (c, length) = cuts.iter().fold((0., 0.), |(c, length), cut| (c + cut.c, length + cut.length));
+        c >= NO_PLACE * length && cuts.iter().all(|cut| cut.c >= A_PLACE * cut.length) && !is_sheet(cuts[0].component)
     };
     let mut joined = label.to_vec();
-    for own in across.chunk_by(|a, b| a.0 == b.0).filter(is_whole) {
-        let own = || (0..label.len()).filter(|&x| component[x] == own[0].0);
-        // A part may have pieces in other components: the largest part takes the others in.
-        let (labels, areas): (Vec<u32>, Vec<f64>) = own().map(|x| (label[x], superfaces.area[x])).unzip();
+    for cuts in cuts.chunk_by(|a, b| a.component == b.component).filter(is_arbitrary) {
+        let members = || (0..label.len()).filter(|&x| component[x] == cuts[0].component);
+        // A part may have pieces in other components, which keep its label: the largest part takes the others in.
+        let (labels, areas): (Vec<u32>, Vec<f64>) = members().map(|x| (label[x], superfaces.area[x])).unzip();
         let (numbers, count) = compact(&labels);
         let sums = class_sums(&numbers, &areas, count);
         let largest = (0..count).max_by(|&a, &b| sums[a].total_cmp(&sums[b]).then(b.cmp(&a))).unwrap_or(0);
         let first = numbers.iter().position(|&number| number as usize == largest).unwrap_or(0);
-        own().for_each(|x| joined[x] = labels[first]);
+        members().for_each(|x| joined[x] = labels[first]);
     }
     compact(&joined).0
 }
