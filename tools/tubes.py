@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Makes tubes: a hose, a spring, a knot, a snake, a paper clip, an S-hook, an open ring, a hose and a spring with thick ends, and two
-rods with ripples, of 19,000 to 38,000 faces; for "Tubes" in docs/quality.md.
+rods with ripples, and a match, of 13,000 to 38,000 faces; for "Tubes" in docs/quality.md.
 
     tools/tubes.py OUT; tools/steadiness.py --seeds 8 OUT/*.ply
 
@@ -71,6 +71,7 @@ def main():
     ripples = lambda count: .5 + .05 * np.sin(2 * np.pi * count * s)
     wire = [[0, 1, 0], [5, 1, 0], [5, -1, .1], [-1, -1, .15], [-1, 1.6, .3], [6, 1.6, .35], [6, -1.6, .35], [0, -1.6, .3]]
     hook = [[0, 0, 0], [1, 1, 0], [2, 0, 0], [1.5, -1.2, 0], [1, -2.4, 0], [2, -3.4, 0], [3, -2.4, 0]]
+    off = (6 * s - 5.68) / .32
     gap = .93 * np.linspace(0, 2 * np.pi, 500)
     tubes = {
         "hose": tube(hose, .3),
@@ -83,6 +84,7 @@ def main():
         "hose-ends": tube(hose, .2 + .25 * ends),
         "spring-ends": tube(helix(30), .12 + .2 * ends, 24),
         "ripples": tube(rod, ripples(8)),
+        "match": tube(.75 * rod, np.maximum(np.where(off > 0, 1e-4, .2), .32 * np.sqrt(np.maximum(0, 1 - off * off))), 16),
         "grip": tube(rod, np.where(s < .35, .18, ripples(10)) * np.minimum(1, 20 * (1 - s) + .1)),
     }
     for name, mesh in tubes.items():
