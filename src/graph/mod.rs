@@ -29,7 +29,7 @@ pub mod nodes;
 mod nonmanifold;
 pub mod order;
 pub mod orient;
-mod orientation_sums;
+pub(crate) mod orientation_sums;
 mod ranked_tree;
 pub mod row_starts;
 pub mod vertex_adjacency;

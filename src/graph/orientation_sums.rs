@@ -14,7 +14,7 @@ use std::ops::Range;
 const ENCLOSES: f64 = 0.02;
 /// Maximum length of the summed area vectors, relative to the area, for such a component: 0 for closed surfaces, .2 for
 /// a cube without a lid, .3 to .5 for scans of rooms and bowls, which are seen from within.
-const OPEN: f64 = 0.25;
+pub const OPEN: f64 = 0.25;
 
 /// Sums over nodes of one component.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]

@@ -136,22 +136,19 @@ struct Decided {
 
 impl Decided {
     fn of(mesh: &WorkDir) -> Result<Self> {
-        let within = |work: &WorkDir, name| work.path().join(name).exists().then(|| work.inner(name)).transpose();
-        let proxy = within(mesh, PROXY)?;
+        let proxy = mesh.path().join(PROXY).exists().then(|| mesh.inner(PROXY)).transpose()?;
         let node = proxy.is_some().then(|| mesh.open_array::<u32>(PROXY_NODES)).transpose()?;
+        let node = node.map(|node| node.to_vec());
         let faces = proxy.as_deref().unwrap_or(mesh);
         let graph = DualGraph::kept(faces)?.0;
         let area = (0..graph.nodes.len()).map(|k| graph.nodes.at(k).area).collect();
-        let node = node.map(|node| node.to_vec());
-        let contracted = within(faces, CONTRACTED)?.filter(|inner| inner.file(CELL_GRAPH).exists());
-        match contracted {
-            Some(inner) if !faces.file(CELL_GRAPH).exists() => {
-                let (of_node, cell) = (inner.open_array::<u16>(contract::OF_FACE)?, inner.open_array::<u16>(OF_FACE)?);
-                let cell = of_node.iter().map(|&k| cell[usize::from(k)]).collect();
-                Ok(Self { work: Some(inner), cell, node, area })
-            }
-            _ => Ok(Self { cell: faces.open_array::<u16>(OF_FACE)?.to_vec(), work: proxy, node, area }),
+        if faces.file(CELL_GRAPH).exists() {
+            return Ok(Self { cell: faces.open_array::<u16>(OF_FACE)?.to_vec(), work: proxy, node, area });
         }
+        let inner = faces.inner(CONTRACTED)?;
+        let (of_node, cell) = (inner.open_array::<u16>(contract::OF_FACE)?, inner.open_array::<u16>(OF_FACE)?);
+        let cell = of_node.iter().map(|&k| cell[usize::from(k)]).collect();
+        Ok(Self { work: Some(inner), cell, node, area })
     }
 }
 

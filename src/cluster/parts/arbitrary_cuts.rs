@@ -13,27 +13,17 @@
 //!
 //! Cost: a pass over the boundaries between cells.
 
-use super::cell_graph::{CellGraph, class_sums, compact};
+use super::cell_graph::{CellGraph, compact, connected_pieces, majorities};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
-use crate::base::union_find::Forest;
 use crate::base::vector::{add_scaled, length};
+use crate::graph::orientation_sums::OPEN;
 use std::collections::BTreeMap;
 
 /// Minimum mean of C across the boundaries between the parts of a component that stays whole.
 const NO_PLACE: f64 = 0.8;
 /// A boundary between two parts with a smaller mean than this has a place of its own.
 const A_PLACE: f64 = 0.6;
-/// A component whose area vectors sum to more than this share of its area is a sheet.
-const OPEN: f64 = 0.25;
-
-/// The boundary between two parts within a component.
-struct Cut {
-    component: u32,
-    /// The integral of C along it.
-    c: f64,
-    length: f64,
-}
 
 /// Joins the parts of each connected component that is cut at no place in particular. Returns labels (R) of the
 /// superfaces of `cells`, numbered by first appearance; C is R × R.
@@ -44,47 +34,41 @@ pub(super) fn without_arbitrary(
     label: &[u32],
 ) -> Vec<u32> {
     let boundaries = superfaces.shared_boundaries(cells);
-    let mut forest = Forest::new(label.len());
-    for &(a, b, _) in &boundaries {
-        forest.join(a, b);
-    }
-    let component = forest.labels();
-    let mut sums: BTreeMap<(u32, u32, u32), (f64, f64)> = BTreeMap::new();
+    let pairs: Vec<[u32; 2]> = boundaries.iter().map(|&(a, b, _)| [a, b]).collect();
+    let (component, count) = connected_pieces(&pairs, &vec![0; label.len()]);
+    // Between two parts of a component: the integral of C along their boundary, and its length.
+    let mut cuts: BTreeMap<(u32, u32, u32), (f64, f64)> = BTreeMap::new();
     for &(a, b, between) in &boundaries {
         let [i, j] = [a, b].map(|x| label[x as usize]);
         if i != j {
-            let (c, length) = sums.entry((component[a as usize], i.min(j), i.max(j))).or_default();
+            let (c, length) = cuts.entry((component[a as usize], i.min(j), i.max(j))).or_default();
             *c += between * co_association[(a as usize, b as usize)];
             *length += between;
         }
     }
-    let cuts: Vec<Cut> = sums.into_iter().map(|((component, ..), (c, length))| Cut { component, c, length }).collect();
-    let mut vectors = vec![([0.; 3], 0.); label.len()];
+    let mut sums = vec![(0., 0., true); count];
+    for ((component, ..), (c, length)) in cuts {
+        let (all_c, all, no_place) = &mut sums[component as usize];
+        *all_c += c;
+        *all += length;
+        *no_place &= c >= A_PLACE * length;
+    }
+    let mut vectors = vec![([0.; 3], 0.); count];
     for ((&x, &area), &normal) in superfaces.of_cell.iter().zip(&cells.area).zip(&cells.normal) {
         let (vector, all) = &mut vectors[component[x as usize] as usize];
         *vector = add_scaled(*vector, area, normal);
         *all += area;
     }
-    let is_sheet = |component: u32| {
-        let (vector, area) = vectors[component as usize];
-        length(vector) > OPEN * area
+    let is_arbitrary = |&component: &u32| {
+        let ((c, all, no_place), (vector, area)) = (sums[component as usize], vectors[component as usize]);
+        all > 0. && c >= NO_PLACE * all && no_place && length(vector) <= OPEN * area
     };
-    let is_arbitrary = |cuts: &&[Cut]| {
-        let (c, length) = cuts.iter().fold((0., 0.), |(c, length), cut| (c + cut.c, length + cut.length));
-        c >= NO_PLACE * length && cuts.iter().all(|cut| cut.c >= A_PLACE * cut.length) && !is_sheet(cuts[0].component)
+    // A part may have pieces in other components, which keep its label.
+    let most = majorities(&component, count, label, &superfaces.area);
+    let joined = |(&label, component): (&u32, &u32)| {
+        if is_arbitrary(component) { most[*component as usize] } else { label }
     };
-    let mut joined = label.to_vec();
-    for cuts in cuts.chunk_by(|a, b| a.component == b.component).filter(is_arbitrary) {
-        let members = || (0..label.len()).filter(|&x| component[x] == cuts[0].component);
-        // A part may have pieces in other components, which keep its label: the largest part takes the others in.
-        let (labels, areas): (Vec<u32>, Vec<f64>) = members().map(|x| (label[x], superfaces.area[x])).unzip();
-        let (numbers, count) = compact(&labels);
-        let sums = class_sums(&numbers, &areas, count);
-        let largest = (0..count).max_by(|&a, &b| sums[a].total_cmp(&sums[b]).then(b.cmp(&a))).unwrap_or(0);
-        let first = numbers.iter().position(|&number| number as usize == largest).unwrap_or(0);
-        members().for_each(|x| joined[x] = labels[first]);
-    }
-    compact(&joined).0
+    compact(&label.iter().zip(&component).map(joined).collect::<Vec<_>>()).0
 }
 
 #[cfg(test)]

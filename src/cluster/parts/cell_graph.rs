@@ -349,6 +349,21 @@ pub fn class_sums(label: &[u32], value: &[f64], n: usize) -> Vec<f64> {
     sum
 }
 
+/// For each of `count` groups, `group` (n), the label of most of its area, the least of equal ones; `label` and `area`
+/// (n) are those of the members.
+pub fn majorities(group: &[u32], count: usize, label: &[u32], area: &[f64]) -> Vec<u32> {
+    let mut sums: Vec<Vec<(u32, f64)>> = vec![Vec::new(); count];
+    for ((&x, &label), area) in group.iter().zip(label).zip(area) {
+        let sums = &mut sums[x as usize];
+        match sums.iter_mut().find(|(other, _)| *other == label) {
+            Some((_, sum)) => *sum += area,
+            None => sums.push((label, *area)),
+        }
+    }
+    let most = |sums: &Vec<(u32, f64)>| sums.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
+    sums.iter().map(|sums| most(sums).map_or(0, |(label, _)| label)).collect()
+}
+
 /// Pieces below this share of the area join the neighbour with the longest common boundary.
 pub const SMALL_PART: f64 = 0.003;
 

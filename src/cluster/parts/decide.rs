@@ -8,7 +8,7 @@
 use super::ambiguous::without_ambiguous;
 use super::answer::PartDecision;
 use super::arbitrary_cuts::without_arbitrary;
-use super::cell_graph::{CellGraph, class_sums};
+use super::cell_graph::{CellGraph, class_sums, majorities};
 use super::ensemble::Superfaces;
 use super::interior::enclosed::Layers;
 use super::interior::layered::{self, CoAssociation};
@@ -208,21 +208,6 @@ impl Deciding<'_> {
         let c = Square::from_values(count, whole.iter().flat_map(row).collect());
         Ok((finer, c))
     }
-}
-
-/// For each of `count` superfaces, `of_cell` (S), the label of most of its area; `label` and `shares` are those of
-/// cells (S).
-fn majorities(of_cell: &[u32], count: usize, label: &[u32], shares: &[f64]) -> Vec<u32> {
-    let mut sums: Vec<Vec<(u32, f64)>> = vec![Vec::new(); count];
-    for ((&x, &label), share) in of_cell.iter().zip(label).zip(shares) {
-        let sums = &mut sums[x as usize];
-        match sums.iter_mut().find(|(other, _)| *other == label) {
-            Some((_, sum)) => *sum += share,
-            None => sums.push((label, *share)),
-        }
-    }
-    let most = |sums: &Vec<(u32, f64)>| sums.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
-    sums.iter().map(|sums| most(sums).map_or(0, |(label, _)| label)).collect()
 }
 
 /// Validates the input and makes it safe to compute with.
