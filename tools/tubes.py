@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Makes tubes: a hose, a spring, a knot, a snake, a paper clip, an S-hook, an open ring, a hose and a spring with thick ends, and two
-rods with ripples, and a match, of 13,000 to 38,000 faces; for "Tubes" in docs/quality.md.
+"""Makes tubes: a hose, a spring, a knot, a snake, a paper clip, an S-hook, an open ring, a hose and a spring with thick ends, two
+rods with ripples, a bolt with a thread, a chain of beads, and a match, of 13,000 to 64,000 faces; for "Tubes" in docs/quality.md.
 
     tools/tubes.py OUT; tools/steadiness.py --seeds 8 OUT/*.ply
 
@@ -40,6 +40,20 @@ def tube(curve, radius, around=48, closed=False):
         faces.append(np.stack([(q + 1) % around, q, np.full(around, n)], 1))
         faces.append(np.stack([last + q, last + (q + 1) % around, np.full(around, n + 1)], 1))
     return v, np.concatenate(faces)
+
+
+def bolt(m=500, around=64):
+    """A hexagonal head, a shank, and a thread of twelve turns."""
+    z = np.linspace(0, 10, m)
+    radius = np.where(z < 1.2, 1.6, .8) * np.minimum(1, 20 * (10 - z) + .02)
+    v, f = tube(np.stack([0 * z, 0 * z, z], 1), radius, around)
+    wall = v[: m * around]
+    angle, high = np.arctan2(wall[:, 1], wall[:, 0]), wall[:, 2]
+    turn = (2.2 * high - angle / (2 * np.pi)) % 1
+    thread = 1 + .1 * (1 - 2 * abs(2 * turn - 1)) * ((high > 4.5) & (high < 9.8))
+    hexagon = np.cos(np.pi / 6) / np.cos(angle % (np.pi / 3) - np.pi / 6)
+    wall[:, :2] *= np.where(high < 1.2, hexagon, thread)[:, None]
+    return v, f
 
 
 def through(points, m=400):
@@ -85,6 +99,8 @@ def main():
         "spring-ends": tube(helix(30), .12 + .2 * ends, 24),
         "ripples": tube(rod, ripples(8)),
         "match": tube(.75 * rod, np.maximum(np.where(off > 0, 1e-4, .2), .32 * np.sqrt(np.maximum(0, 1 - off * off))), 16),
+        "bolt": bolt(),
+        "beads": tube(rod, np.sqrt(np.maximum(.15**2, .5**2 - (8 * s % 1 - .5) ** 2))),
         "grip": tube(rod, np.where(s < .35, .18, ripples(10)) * np.minimum(1, 20 * (1 - s) + .1)),
     }
     for name, mesh in tubes.items():

@@ -104,8 +104,8 @@ impl Plane {
     }
 }
 
-/// The squared distance of two points by position and normal.
-fn apart(a: SurfacePoint, b: SurfacePoint, radius: f64) -> f64 {
+/// The squared distance of two points by position and normal; `radius` is that of a cell.
+pub fn apart(a: SurfacePoint, b: SurfacePoint, radius: f64) -> f64 {
     let (d, n) = (minus(a.position, b.position), minus(a.normal, b.normal));
     dot(d, d) + (NORMAL * radius).powi(2) * dot(n, n)
 }

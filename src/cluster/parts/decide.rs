@@ -13,6 +13,7 @@ use super::ensemble::Superfaces;
 use super::interior::enclosed::Layers;
 use super::interior::layered::{self, CoAssociation};
 use super::matrix::Square;
+use super::repeated_places::Repetition;
 use super::symmetry::both_sides::Sides;
 use super::symmetry::cell_map::Surface;
 use super::symmetry::limbs::limb_maps;
@@ -113,12 +114,14 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     };
     // The best plane comes last, or the reflection, so that its symmetry is exact.
     let sides: Vec<&CellImages> = planes.iter().rev().chain(&posed).collect();
-    let deciding = Deciding { cells, shares: &shares, limbs: &limbs, turns: &turns, sides: &sides, small_part, run };
+    let nearest = &nearest;
+    let deciding =
+        Deciding { cells, shares: &shares, nearest, limbs: &limbs, turns: &turns, sides: &sides, small_part, run };
     if turns.is_empty() && posed.is_none() {
-        let (alike, label) = deciding.labels(&superfaces, c);
+        let (alike, label) = deciding.labels(&superfaces, c)?;
         return deciding.decision(superfaces, alike, &label);
     }
-    let (alike, label) = deciding.labels(&superfaces, c.clone());
+    let (alike, label) = deciding.labels(&superfaces, c.clone())?;
     let Some(images) = &posed else { return deciding.turned(superfaces, &c, alike, &label) };
     // Superfaces need not end at the image of a cut on the other side; the parts show where they must.
     let decided = deciding.decision(superfaces, alike, &label)?;
@@ -130,7 +133,7 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     }
     let (finer, c) = deciding.finer(of_cell, of_piece, count, &c)?;
     // Adding a missing image makes one more part; slivers from inaccurate images make several.
-    let (alike, label) = deciding.labels(&finer, c);
+    let (alike, label) = deciding.labels(&finer, c)?;
     let cut = deciding.decision(finer, alike, &label)?;
     Ok(if cut.tree.cut_detail(0.0).parts > parts.parts + 1 { decided } else { cut })
 }
@@ -139,6 +142,8 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
 struct Deciding<'a> {
     cells: &'a CellGraph,
     shares: &'a [f64],
+    /// A search for the nearest cells.
+    nearest: &'a NearestPoint<'a>,
     /// Maps of similar limbs, group by group.
     limbs: &'a [Vec<CellImages>],
     /// Rotations.
@@ -162,9 +167,9 @@ impl Deciding<'_> {
         self.sides.last().map(|map| Sides::new(superfaces, self.shares, map))
     }
 
-    /// The averaged co-association, and the labels of superfaces, both sides alike, without ambiguous patches
-    /// and arbitrary cuts.
-    fn labels(&self, superfaces: &Superfaces, c: Square) -> (Square, Vec<u32>) {
+    /// The averaged co-association, and the labels of superfaces, both sides alike, without ambiguous patches,
+    /// arbitrary cuts and cuts at repeated places.
+    fn labels(&self, superfaces: &Superfaces, c: Square) -> Result<(Square, Vec<u32>)> {
         let alike = self.averaged(superfaces, c);
         let mut best = labelling::best_labelling(&superfaces.area, &alike);
         if let Some(two) = self.two_sides(superfaces) {
@@ -172,7 +177,10 @@ impl Deciding<'_> {
         }
         let label = without_ambiguous(self.cells, superfaces, &alike, &best);
         let label = without_arbitrary(self.cells, superfaces, &alike, &label);
-        (alike, label)
+        let (cells, nearest, run) = (self.cells, self.nearest, self.run);
+        let repetition = Repetition { cells, nearest, superfaces, co_association: &alike, run };
+        let label = repetition.without_repeated(&label)?;
+        Ok((alike, label))
     }
 
     fn decision(&self, superfaces: Superfaces, alike: Square, label: &[u32]) -> Result<PartDecision> {

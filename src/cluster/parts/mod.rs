@@ -12,8 +12,8 @@
 //! - Its mean over the ensemble, by log odds, is the co-association: a probability for any two [`Superfaces`].
 //! - If the surface is its own mirror image, or a posed body is symmetric along its surface, both sides are decided
 //!   alike ([`symmetry`]); so is what rotations map onto itself.
-//! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches and
-//!   `arbitrary_cuts`, and a whole [`hierarchy`] around them.
+//! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches,
+//!   `arbitrary_cuts` and cuts at `repeated_places`, and a whole [`hierarchy`] around them.
 //! - [`hints`] changes a labelling according to people's edits; `split` divides a part further along the hierarchy.
 //! - [`agreement`] estimates how certain a part is and how many people would have it.
 //! - [`decide`] combines all of this; [`consensus`] has the simpler decisions.
@@ -46,6 +46,7 @@ pub mod merges;
 pub mod plates;
 pub mod region_pieces;
 pub mod regions;
+mod repeated_places;
 pub mod shortcuts;
 mod split;
 pub mod symmetry;

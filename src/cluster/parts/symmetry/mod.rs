@@ -7,6 +7,7 @@
 //! - [`both_sides`] cuts on both sides what would be cut on one only; [`twin_joins`] joins both sides alike for fewer
 //!   parts.
 //! - [`rotations`] finds the rotations of gears and wheels, [`turned_parts`] cuts all teeth or none.
+//! - [`stretches`] of a surface are fitted to other places by a [`rigid_motion`], to find what is repeated.
 //! - [`limbs`] finds similar limbs, on both sides or around a body, whether or not it has two sides.
 //!
 //! The files state their costs; all together at most .2 s of processor time for 2,000 cells.
@@ -22,8 +23,10 @@ pub mod mirror_images;
 #[cfg(test)]
 mod posed_body;
 pub mod reflection;
+pub mod rigid_motion;
 pub mod rotations;
 mod signs;
+pub mod stretches;
 mod tips;
 pub mod turned_parts;
 pub mod twin_joins;
