@@ -13,8 +13,9 @@
 //! Cost: some milliseconds for each boundary whose C is not small: two rows of distances over the cells, and searches
 //! for some points each at the places where as much surface lies as at the boundary, more where these fit.
 
-use super::cell_graph::{CellGraph, compact};
+use super::cell_graph::{CellGraph, compact, majorities};
 use super::ensemble::Superfaces;
+use super::hierarchy::HALF;
 use super::matrix::Square;
 use super::symmetry::stretches::{Along, Stretch};
 use crate::base::Result;
@@ -23,6 +24,7 @@ use crate::base::union_find::Forest;
 use crate::base::vector::distance;
 use crate::cluster::mirror::{NearestPoint, PointSet};
 use crate::store::run::Run;
+use std::borrow::Borrow;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
@@ -41,7 +43,7 @@ const FARTHEST: f64 = 16.0;
 /// look the same all along. Those of a round limb have a half, those of a plate four times as wide as thick .8.
 const FLAT: f64 = 0.7;
 /// Least number of places that look alike.
-const OFTEN: f64 = 3.0;
+const OFTEN: usize = 3;
 /// Steps of the distance from the boundary, in cell radii.
 const STEP: f64 = 1.0;
 /// Minimum share of a place that lies in one part if the place is not cut.
@@ -50,18 +52,20 @@ const WHOLE: f64 = 0.8;
 /// The boundary between two parts.
 #[derive(Debug, Default)]
 struct Boundary {
-    /// Its pairs of cells, the one of the part with the smaller number first, and their common lengths.
-    pairs: Vec<([u32; 2], f64)>,
+    /// Its pairs of cells, the one of the part with the smaller number first.
+    pairs: Vec<[u32; 2]>,
+    /// The common length of each pair.
+    lengths: Vec<f64>,
 }
 
 impl Boundary {
     fn length(&self) -> f64 {
-        self.pairs.iter().map(|(_, length)| length).sum()
+        self.lengths.iter().sum()
     }
 
     /// The mean by length of a function of the pairs.
     fn mean(&self, of: impl Fn([u32; 2]) -> f64) -> f64 {
-        self.pairs.iter().map(|&(pair, length)| length * of(pair)).sum::<f64>() / self.length()
+        self.pairs.iter().zip(&self.lengths).map(|(&pair, length)| length * of(pair)).sum::<f64>() / self.length()
     }
 }
 
@@ -79,8 +83,25 @@ struct Place {
 }
 
 impl Place {
-    fn is_apart(&self, other: &Place) -> bool {
-        distance(self.centre, other.centre) > self.reach.max(other.reach)
+    /// Whether the stretches of surface at this and at the other places hardly overlap.
+    fn is_apart_from<P: Borrow<Place>>(&self, others: &[P]) -> bool {
+        let is_apart = |other: &Place| distance(self.centre, other.centre) > self.reach.max(other.reach);
+        others.iter().all(|other| is_apart(other.borrow()))
+    }
+}
+
+/// Places that look alike.
+#[derive(Clone, Default)]
+struct Alike<'a> {
+    /// The mean of C across each.
+    c: Vec<f64>,
+    /// Those that are not cut.
+    whole: Vec<&'a Place>,
+}
+
+impl Alike<'_> {
+    fn is_repeated(&self) -> bool {
+        !self.whole.is_empty() && self.c.len() >= OFTEN && self.c.iter().sum::<f64>() > HALF * self.c.len() as f64
     }
 }
 
@@ -138,25 +159,18 @@ impl Repetition<'_> {
             }
         }
         sort_by(&mut whole, |a, b| a.1.error.total_cmp(&b.1.error));
-        let (mut sum, mut count) = (vec![0.0; c.len()], vec![0.0; c.len()]);
-        for (k, c) in c.iter().enumerate() {
-            let group = alike.find(k as u32) as usize;
-            sum[group] += c;
-            count[group] += 1.0;
+        let mut groups: Vec<Alike> = vec![Alike::default(); c.len()];
+        for (k, c) in (0..).zip(&c) {
+            groups[alike.find(k) as usize].c.push(*c);
         }
-        let mut distinct: Vec<Vec<&Place>> = vec![Vec::new(); c.len()];
         for (k, place) in &whole {
-            let group = alike.find(*k) as usize;
-            if distinct[group].iter().all(|other| place.is_apart(other)) {
-                distinct[group].push(place);
-                sum[group] += place.c;
-                count[group] += 1.0;
+            let group = &mut groups[alike.find(*k) as usize];
+            if place.is_apart_from(&group.whole) {
+                group.whole.push(place);
+                group.c.push(place.c);
             }
         }
-        let mut is_repeated = |k: usize| {
-            let group = alike.find(k as u32) as usize;
-            !distinct[group].is_empty() && count[group] >= OFTEN && sum[group] > 0.5 * count[group]
-        };
+        let mut is_repeated = |k: usize| groups[alike.find(k as u32) as usize].is_repeated();
         Ok((0..c.len()).filter(|&k| c[k] >= A_PLACE && is_repeated(k)).map(|k| boundaries[k].0).collect())
     }
 
@@ -174,7 +188,9 @@ impl Repetition<'_> {
             let [a, b] = [part[i as usize], part[j as usize]];
             if a != b {
                 let pair = if a < b { [i, j] } else { [j, i] };
-                boundaries.entry([a.min(b), a.max(b)]).or_default().pairs.push((pair, length));
+                let boundary = boundaries.entry([a.min(b), a.max(b)]).or_default();
+                boundary.pairs.push(pair);
+                boundary.lengths.push(length);
             }
         }
         boundaries
@@ -188,8 +204,7 @@ impl Repetition<'_> {
     /// The places that look like the `boundary` between two `parts`, apart from each other and from the boundary.
     fn places(&self, boundary: &Boundary, parts: [u32; 2], part: &[u32], steps: &[Vec<(u32, f64)>]) -> Vec<Place> {
         let PointSet { points, shares, radius } = self.nearest.set();
-        let pairs: Vec<[u32; 2]> = boundary.pairs.iter().map(|(pair, _)| *pair).collect();
-        let along = Along::new(&pairs, points, shares, steps);
+        let along = Along::new(&boundary.pairs, points, shares, steps);
         let Some((around, reach)) = self.around(boundary, parts, part, &along.height) else { return Vec::new() };
         let Some(here) = along.ring(0.0, radius) else { return Vec::new() };
         let stretch = Stretch { nearest: self.nearest, cells: &around };
@@ -219,7 +234,7 @@ impl Repetition<'_> {
         sort_by(&mut found, |a, b| a.error.total_cmp(&b.error));
         let mut apart: Vec<Place> = Vec::new();
         for place in found {
-            if apart.iter().all(|other| place.is_apart(other)) {
+            if place.is_apart_from(&apart) {
                 apart.push(place);
             }
         }
@@ -243,19 +258,11 @@ impl Repetition<'_> {
 /// The parts in which most of either side of a place lies, from side, part and weight of its cells: one part twice if
 /// the place is not cut. `None` if the place is cut elsewhere than between its sides.
 fn cut_at(cells: impl Iterator<Item = (usize, u32, f64)>) -> Option<[u32; 2]> {
-    let mut sums: BTreeMap<u32, [f64; 2]> = BTreeMap::new();
-    let mut all = 0.0;
-    for (side, part, weight) in cells {
-        sums.entry(part).or_default()[side] += weight;
-        all += weight;
-    }
-    let most = |side: usize| {
-        let order = |a: &(&u32, &[f64; 2]), b: &(&u32, &[f64; 2])| a.1[side].total_cmp(&b.1[side]).then(b.0.cmp(a.0));
-        sums.iter().max_by(order).map(|(part, _)| *part)
-    };
-    let parts = [most(0)?, most(1)?];
-    let is_whole = sums[&parts[0]].iter().sum::<f64>() >= WHOLE * all;
-    (parts[0] != parts[1] || is_whole).then_some(parts)
+    let (sides, (part, weight)): (Vec<u32>, (Vec<u32>, Vec<f64>)) =
+        cells.map(|(side, part, weight)| (side as u32, (part, weight))).unzip();
+    let (most, all) = (majorities(&sides, 2, &part, &weight), weight.iter().sum::<f64>());
+    let inside: f64 = part.iter().zip(&weight).filter(|(part, _)| **part == most[0]).map(|(_, weight)| weight).sum();
+    (all > 0.0 && (most[0] != most[1] || inside >= WHOLE * all)).then_some([most[0], most[1]])
 }
 
 #[cfg(test)]

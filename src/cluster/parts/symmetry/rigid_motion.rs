@@ -43,12 +43,7 @@ impl RigidMotion {
 
     /// The motion, followed by a rotation by `angle` about a unit vector through the image of `from`.
     pub fn turned(self, about: [f64; 3], angle: f64) -> Self {
-        let (sin, cos) = libm::sincos(angle);
-        let turn = |v: [f64; 3]| {
-            let up = dot(v, about);
-            let flat = add_scaled(v, -up, about).map(|x| cos * x);
-            add_scaled(add_scaled(flat, sin, cross(about, v)), up, about)
-        };
+        let turn = turn(about, angle);
         Self { rotation: rows(|v| turn(self.rotated(v))), ..self }
     }
 
@@ -84,6 +79,17 @@ impl RigidMotion {
         let moved = Self { from, to, ..*self };
         let angle = length(vector);
         angle.is_finite().then(|| if angle > 0. { moved.turned(unit(vector), angle) } else { moved })
+    }
+}
+
+/// The rotation of vectors by `angle` about a unit vector.
+pub fn turn(about: [f64; 3], angle: f64) -> impl Fn([f64; 3]) -> [f64; 3] {
+    // The system's sine may differ between processors.
+    let (sin, cos) = libm::sincos(angle);
+    move |v| {
+        let up = dot(v, about);
+        let flat = add_scaled(v, -up, about).map(|x| x * cos);
+        add_scaled(add_scaled(flat, sin, cross(about, v)), up, about)
     }
 }
 

@@ -8,7 +8,8 @@
 //! each cell and rotation: some hundredths of a second.
 
 use super::mirror_images::CellImages;
-use crate::base::vector::{add_scaled, cross, dot, minus};
+use super::rigid_motion::turn;
+use crate::base::vector::{add_scaled, minus};
 use crate::cluster::mirror::{NearestPoint, PointSet, REACH, SurfacePoint, centroid, second_moments};
 use std::f64::consts::TAU;
 
@@ -34,13 +35,7 @@ struct Axis {
 impl Axis {
     /// The image of a point under a rotation by `angle`.
     fn turned(self, point: SurfacePoint, angle: f64) -> SurfacePoint {
-        // The system's sine may differ between processors.
-        let (sin, cos) = libm::sincos(angle);
-        let turn = |v: [f64; 3]| {
-            let up = dot(v, self.along);
-            let flat = add_scaled(v, -up, self.along).map(|x| x * cos);
-            add_scaled(add_scaled(flat, sin, cross(self.along, v)), up, self.along)
-        };
+        let turn = turn(self.along, angle);
         let arm = turn(minus(point.position, self.through));
         SurfacePoint { position: add_scaled(arm, 1.0, self.through), normal: turn(point.normal) }
     }
@@ -89,7 +84,7 @@ pub fn rotations(nearest: &NearestPoint<'_>) -> Vec<CellImages> {
 mod tests {
     use super::super::mirror_images::cell_points;
     use super::*;
-    use crate::base::vector::unit as unit_vector;
+    use crate::base::vector::{dot, unit as unit_vector};
     use crate::cluster::parts::cell_graph::CellGraph;
 
     /// Cells spread over a wall of height 1 around a vertical axis, whose distance from it is 1 + `wave` cos `teeth` θ,
