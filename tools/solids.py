@@ -93,10 +93,33 @@ def table():
     return joined(box(2, 1.2, 0.08), *[cylinder(1, 0.06, (x, y, -0.5), 32) for x in (-0.9, 0.9) for y in (-0.5, 0.5)])
 
 
+def blind_holes():
+    return box(4, 4, 1) - joined(*[cylinder(1, 0.6, (x, y, 0.4), 64) for x in (-1, 1) for y in (-1, 1)])
+
+
+def pocket():
+    return box(4, 3, 1) - box(2, 1.5, 1, (0, 0, 0.4))
+
+
+def bore():
+    return cylinder(2, 1.5) - cylinder(1, 1, (0, 0, 0.7)) - cylinder(2, 0.5, (0, 0, 0.2))
+
+
+def moulding():
+    shell = box(4, 2, 1.2) - box(3.7, 1.7, 1.2, (0, 0, -0.15))
+    return joined(shell, *[cylinder(0.3, 0.3, (-1.5 + i, -0.5 + j, 0.7), 64) for i in range(4) for j in range(2)])
+
+
+def pits():
+    pit = [box(1, 1, 1, (x, y, 0.5)) for x in (-1, 1) for y in (-1, 1)]
+    return box(4.8, 4.8, 1.4) - joined(*pit)
+
+
 SOLIDS = {"hinge": (hinge, 0.015), "gear": (gear, 0.014), "heatsink": (heatsink, 0.025), "comb": (comb, 0.015),
           "nut": (nut, 0.015), "crown": (crown, 0.014), "bricks": (bricks, 0.013), "pipes": (pipes, 0.022),
           "table": (table, 0.02),
-          "sprocket": (sprocket, 0.014), "fine_gear": (fine_gear, 0.014)}
+          "sprocket": (sprocket, 0.014), "fine_gear": (fine_gear, 0.014), "blind_holes": (blind_holes, 0.06),
+          "pocket": (pocket, 0.06), "bore": (bore, 0.06), "pits": (pits, 0.06), "moulding": (moulding, 0.06)}
 
 
 def write(solid, path):

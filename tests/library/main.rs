@@ -30,6 +30,7 @@ mod ply_flavours;
 mod ply_labelled;
 mod ply_mutations;
 mod progress;
+mod recesses;
 mod rotations;
 mod roughness;
 mod scale_order;

@@ -13,11 +13,10 @@
 //!
 //! Cost: a pass over the boundaries between cells.
 
+use super::area_vectors::area_vectors;
 use super::cell_graph::{CellGraph, compact, connected_pieces, majorities};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
-use crate::base::vector::{add_scaled, length};
-use crate::graph::orientation_sums::OPEN;
 use std::collections::BTreeMap;
 
 /// Minimum mean of C across the boundaries between the parts of a component that stays whole.
@@ -53,15 +52,10 @@ pub(super) fn without_arbitrary(
         *all += length;
         *no_place &= c >= A_PLACE * length;
     }
-    let mut vectors = vec![([0.; 3], 0.); count];
-    for ((&x, &area), &normal) in superfaces.of_cell.iter().zip(&cells.area).zip(&cells.normal) {
-        let (vector, all) = &mut vectors[component[x as usize] as usize];
-        *vector = add_scaled(*vector, area, normal);
-        *all += area;
-    }
+    let vectors = area_vectors(cells, &superfaces.of_cell, &component, count);
     let is_arbitrary = |&component: &u32| {
-        let ((c, all, no_place), (vector, area)) = (sums[component as usize], vectors[component as usize]);
-        all > 0. && c >= NO_PLACE * all && no_place && length(vector) <= OPEN * area
+        let (c, all, no_place) = sums[component as usize];
+        all > 0. && c >= NO_PLACE * all && no_place && vectors[component as usize].is_closed()
     };
     // A part may have pieces in other components, which keep its label.
     let most = majorities(&component, count, label, &superfaces.area);

@@ -13,6 +13,7 @@ use super::ensemble::Superfaces;
 use super::interior::enclosed::Layers;
 use super::interior::layered::{self, CoAssociation};
 use super::matrix::Square;
+use super::recesses::without_recesses;
 use super::repeated_places::Repetition;
 use super::symmetry::both_sides::Sides;
 use super::symmetry::cell_map::Surface;
@@ -99,7 +100,7 @@ pub fn decide(
 /// The decision on the superfaces in `found`, symmetrised over rotations, over both sides, if there are two, and over
 /// similar limbs.
 fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, run: &Run) -> Result<PartDecision> {
-    let CoAssociation { superfaces, log_thickness, c } = found;
+    let CoAssociation { superfaces, log_thickness, c, encloses } = found;
     let shares = cells.area_shares();
     let surface = Surface::new(cells, &shares, &log_thickness);
     let limbs = surface.as_ref().map_or_else(Vec::new, limb_maps);
@@ -115,8 +116,8 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     // The best plane comes last, or the reflection, so that its symmetry is exact.
     let sides: Vec<&CellImages> = planes.iter().rev().chain(&posed).collect();
     let nearest = &nearest;
-    let deciding =
-        Deciding { cells, shares: &shares, nearest, limbs: &limbs, turns: &turns, sides: &sides, small_part, run };
+    let (shares, limbs, turns, sides) = (&shares, &limbs, &turns, &sides);
+    let deciding = Deciding { cells, shares, nearest, limbs, turns, sides, encloses, small_part, run };
     if turns.is_empty() && posed.is_none() {
         let (alike, label) = deciding.labels(&superfaces, c)?;
         return deciding.decision(superfaces, alike, &label);
@@ -127,7 +128,7 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     let decided = deciding.decision(superfaces, alike, &label)?;
     let parts = decided.tree.cut_detail(0.0);
     let of_cell = &decided.superfaces.of_cell;
-    let (of_piece, count) = images.cut_at_images(cells, &shares, of_cell, &parts.label);
+    let (of_piece, count) = images.cut_at_images(cells, shares, of_cell, &parts.label);
     if count == decided.superfaces.len() {
         return Ok(decided);
     }
@@ -150,6 +151,8 @@ struct Deciding<'a> {
     turns: &'a [CellImages],
     /// Maps of left and right, the best last.
     sides: &'a [&'a CellImages],
+    /// Whether the surface encloses something.
+    encloses: bool,
     small_part: f64,
     run: &'a Run<'a>,
 }
@@ -168,7 +171,7 @@ impl Deciding<'_> {
     }
 
     /// The averaged co-association, and the labels of superfaces, both sides alike, without ambiguous patches,
-    /// arbitrary cuts and cuts at repeated places.
+    /// arbitrary cuts, cuts at repeated places and floors of recesses.
     fn labels(&self, superfaces: &Superfaces, c: Square) -> Result<(Square, Vec<u32>)> {
         let alike = self.averaged(superfaces, c);
         let mut best = labelling::best_labelling(&superfaces.area, &alike);
@@ -180,6 +183,7 @@ impl Deciding<'_> {
         let (cells, nearest, run) = (self.cells, self.nearest, self.run);
         let repetition = Repetition { cells, nearest, superfaces, co_association: &alike, run };
         let label = repetition.without_repeated(&label)?;
+        let label = if self.encloses { label } else { without_recesses(self.cells, superfaces, &label) };
         Ok((alike, label))
     }
 

@@ -13,7 +13,7 @@
 //! - If the surface is its own mirror image, or a posed body is symmetric along its surface, both sides are decided
 //!   alike ([`symmetry`]); so is what rotations map onto itself.
 //! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches,
-//!   `arbitrary_cuts` and cuts at `repeated_places`, and a whole [`hierarchy`] around them.
+//!   `arbitrary_cuts`, cuts at `repeated_places` and floors of `recesses`, and a whole [`hierarchy`] around them.
 //! - [`hints`] changes a labelling according to people's edits; `split` divides a part further along the hierarchy.
 //! - [`agreement`] estimates how certain a part is and how many people would have it.
 //! - [`decide`] combines all of this; [`consensus`] has the simpler decisions.
@@ -26,6 +26,7 @@ pub mod agreement;
 mod ambiguous;
 mod answer;
 mod arbitrary_cuts;
+mod area_vectors;
 pub mod cell_graph;
 pub mod cell_kmeans;
 pub mod consensus;
@@ -44,6 +45,7 @@ pub mod merge_features;
 pub mod merge_odds;
 pub mod merges;
 pub mod plates;
+mod recesses;
 pub mod region_pieces;
 pub mod regions;
 mod repeated_places;

@@ -25,6 +25,8 @@ pub(in crate::cluster::parts) struct CoAssociation {
     pub log_thickness: Vec<f64>,
     /// C (R × R).
     pub c: Square,
+    /// Whether the surface encloses something, so that it was decided layer by layer.
+    pub encloses: bool,
 }
 
 /// The superfaces of `cells` and the probability that any two belong together, from an ensemble of `count`.
@@ -39,7 +41,7 @@ pub(in crate::cluster::parts) fn co_association(
 ) -> Result<CoAssociation> {
     let (ensemble, measured) = measured_ensemble(cells, rows, count, run)?;
     let c = ensemble::co_association(cells, &measured, &ensemble, &MergeModel::default(), run)?;
-    Ok(CoAssociation { superfaces: measured.superfaces, log_thickness: measured.log_thickness, c })
+    Ok(CoAssociation { superfaces: measured.superfaces, log_thickness: measured.log_thickness, c, encloses: false })
 }
 
 /// The same, decided on each of `layers` separately.
@@ -87,7 +89,7 @@ pub(in crate::cluster::parts) fn of_layers(
     }
     let area = class_sums(&number, &cells.area, n);
     let superfaces = Superfaces::kept(number, area).ok_or_else(|| Error::internal("a superface without cells"))?;
-    Ok(CoAssociation { superfaces, log_thickness, c })
+    Ok(CoAssociation { superfaces, log_thickness, c, encloses: true })
 }
 
 /// The distances of the cells of `layer` from the landmarks on it; `nearest` is the cell of each landmark (l).
