@@ -5,6 +5,7 @@
 //! rises hardly above its mouth, or lies below it, is joined to its largest neighbour. The rise is the volume between
 //! the part and its mouth over the area of the mouth. Thin fins and shells have little volume too, but narrow mouths.
 //!
+//! Of several neighbours the largest must be three times as large: a court among walls and a keep is in none of them.
 //! Parts behind a convex edge stay, such as the inside of a cup, and so do those with narrow mouths, such as the inside
 //! of a vase with its neck. Open surfaces are left out, since a valley is no recess, and surfaces that enclose others
 //! (`interior`). On the benchmark one model of 190 has such parts. Pieces of four birds, which some people have,
@@ -24,6 +25,8 @@ const RISE: f64 = 0.01;
 const MOUTH: f64 = 0.3;
 /// Minimum mean concave angle along the boundary of a recess.
 const CONCAVE: f64 = 0.12;
+/// Minimum area of the largest of several neighbours, relative to the recess.
+const LARGER: f64 = 3.0;
 
 /// A connected piece of a part.
 #[derive(Clone, Default)]
@@ -78,7 +81,12 @@ pub(super) fn without_recesses(cells: &CellGraph, superfaces: &Superfaces, label
         let area = |x: u32| pieces[x as usize].sum.area;
         let larger = |x: &u32, y: &u32| area(*x).total_cmp(&area(*y)).then(y.cmp(x));
         let recesses = (0..count as u32).filter(|&x| is_closed[x as usize] && pieces[x as usize].is_recess());
-        let joins = recesses.filter_map(|x| Some((x, pieces[x as usize].beside.iter().copied().max_by(larger)?)));
+        let into = |x: u32| {
+            let beside = &pieces[x as usize].beside;
+            let largest = beside.iter().copied().max_by(larger)?;
+            (beside.len() == 1 || area(largest) >= LARGER * area(x)).then_some((x, largest))
+        };
+        let joins = recesses.filter_map(into);
         let Some((recess, into)) = joins.max_by(|(x, a), (y, b)| larger(a, b).then(y.cmp(x))) else {
             return compact(&label).0;
         };
