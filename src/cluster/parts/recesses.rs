@@ -8,8 +8,8 @@
 //! Of several neighbours the largest must be three times as large: a court among walls and a keep is in none of them.
 //! Parts behind a convex edge stay, such as the inside of a cup, and so do those with narrow mouths, such as the inside
 //! of a vase with its neck. Open surfaces are left out, since a valley is no recess, and surfaces that enclose others
-//! (`interior`). On the benchmark one model of 190 has such parts. Pieces of four birds, which some people have,
-//! rise as little, but have flat boundaries (docs/dev/segmentation-experiments.md).
+//! (`interior`). On the benchmark one model of 190 has such parts. Pieces of four birds, which some people have, rise as
+//! little, but have flat boundaries (docs/dev/segmentation-experiments.md).
 //!
 //! Cost: two passes over cells and pairs, and two more for each recess.
 
@@ -201,6 +201,22 @@ mod tests {
         let inside = [([0, 2], -1.), ([1, 3], -1.), ([2, 4], 1.), ([3, 4], 1.)];
         let pairs: Vec<([u32; 2], f64)> = below.into_iter().chain(inside).collect();
         assert_eq!(parts(&cells, &[0, 0, 1, 2, 3, 0, 0, 0], &pairs), [0; 8]);
+    }
+
+    /// Regression: the court of a castle was joined to its keep.
+    #[test]
+    fn what_lies_among_parts_that_are_hardly_larger_stays() {
+        // A court (0) between two walls (2 and 3) of two cells each, on a body that is not beside it.
+        let side = |x: f64| [([x, 0., 0.], UP), ([x, 0., 1.], UP)];
+        let cells: Vec<Cell> = [([0.; 3], UP)].into_iter().chain(side(-1.)).chain(side(1.)).collect();
+        let cells: Vec<Cell> = cells.into_iter().chain([([0., 0., -3.], DOWN); 5]).collect();
+        let pairs = [([0, 1], 1.), ([0, 3], 1.), ([1, 2], 0.), ([3, 4], 0.), ([2, 5], -1.), ([4, 6], -1.)];
+        let below = (5..9).map(|i| ([i, i + 1], 0.));
+        let pairs: Vec<([u32; 2], f64)> = pairs.into_iter().chain(below).collect();
+        let label = [0, 1, 1, 2, 2, 3, 3, 3, 3, 3];
+        assert_eq!(parts(&cells, &label, &pairs), label);
+        // With the walls in one part with the body, it is a recess.
+        assert_eq!(parts(&cells, &[0, 1, 1, 1, 1, 1, 1, 1, 1, 1], &pairs), [0; 10]);
     }
 
     #[test]
