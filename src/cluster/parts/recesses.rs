@@ -8,8 +8,8 @@
 //! Of several neighbours the largest must be three times as large: a court among walls and a keep is in none of them.
 //! Parts behind a convex edge stay, such as the inside of a cup, and so do those with narrow mouths, such as the inside
 //! of a vase with its neck. Open surfaces are left out, since a valley is no recess, and surfaces that enclose others
-//! (`interior`). On the benchmark one model of 190 has such parts. Pieces of four birds, which some people have, rise as
-//! little, but have flat boundaries (docs/dev/segmentation-experiments.md).
+//! (`interior`). On the benchmark one model of 190 has such parts. Pieces of four birds, which some people have, rise
+//! as little, but have flat boundaries (docs/dev/segmentation-experiments.md).
 //!
 //! Cost: two passes over cells and pairs, and two more for each recess.
 
