@@ -66,8 +66,8 @@ fn each_integer<R>(
 }
 
 /// Labels (n) from a `.seg` file or a `.npy` file, a vector of integers of any type; in both, a negative number means
-/// that a face has no label, and becomes `u32::MAX`. A vector of `u32` is used in place; others are converted item by
-/// item to an array in `work`.
+/// that a face has no label, and becomes `u32::MAX`, which means the same. A vector of `u32` is used in place; others
+/// are converted item by item to an array in `work`.
 ///
 /// # Errors
 /// [`Error::Unusable`] for another extension or a file without labels; [`Error::Malformed`] naming the line or the item
@@ -88,7 +88,7 @@ pub fn open_labels(path: &Path, work: &WorkDir) -> Result<MappedSlice<u32>> {
             }
             let label_or_none = |item: i128| if item < 0 { Some(u32::MAX) } else { u32::try_from(item).ok() };
             let mut writer = ArrayWriter::create(&work.file(FILE), 1)?;
-            let remedy = "give a vector of integers up to 4294967295; negative ones for faces without a label";
+            let remedy = "give a vector of integers up to 4294967294; negative ones for faces without a label";
             each_integer(path, label_or_none, "beyond 32 bits", remedy, |label| writer.push(&[label]))?;
             writer.finish(false)
         }

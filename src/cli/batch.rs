@@ -15,7 +15,7 @@ use super::segment::{Job, SegmentArgs, Task, one};
 use super::sink::{OpenSink, Sink, check_distinct, check_outside};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::parallel::{catch, lock, spawn};
-use nystrom_stream::base::printable::counted;
+use nystrom_stream::base::printable::{counted, line};
 use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, input};
@@ -167,6 +167,11 @@ fn jobs(meshes: Vec<PathBuf>, patterns: &[PathBuf]) -> Result<Vec<Job>, CliError
     Ok(jobs)
 }
 
+/// The name of a mesh on one line, as in messages.
+fn shown(mesh: &Path) -> String {
+    line(&mesh.display().to_string()).into_owned()
+}
+
 /// The table: its first column is as wide as the longest name.
 struct Table {
     width: usize,
@@ -174,7 +179,7 @@ struct Table {
 
 impl Table {
     fn of(jobs: &[Job]) -> Self {
-        let widths = jobs.iter().map(|job| job.mesh.display().to_string().chars().count());
+        let widths = jobs.iter().map(|job| shown(&job.mesh).chars().count());
         Self { width: widths.max().unwrap_or(0).max("mesh".len()) }
     }
 
@@ -185,7 +190,7 @@ impl Table {
     /// The row of a finished mesh.
     fn row_of(&self, mesh: &Path, report: &Report, seconds: f64) -> String {
         let (faces, parts) = (report.input.faces.to_string(), report.parts_with_faces().to_string());
-        self.row(&mesh.display().to_string(), &faces, &parts, &format!("{seconds:.3}"))
+        self.row(&shown(mesh), &faces, &parts, &format!("{seconds:.3}"))
     }
 }
 
@@ -239,7 +244,7 @@ impl Tally {
     fn record_failure(&mut self, mesh: &Path, error: &Error, seconds: f64) -> Result<()> {
         let reason = message(error);
         // Most messages start with the file name, which the table already shows.
-        let start = format!("{}: ", mesh.display());
+        let start = format!("{}: ", shown(mesh));
         let reason = reason.strip_prefix(&start).map_or(reason.clone(), str::to_string);
         let line = json!({"mesh": mesh.to_string_lossy(), "seconds": seconds, "error": reason});
         self.failed.push((mesh.to_path_buf(), reason));
@@ -410,7 +415,7 @@ impl Batch<'_> {
             return Err(error.into());
         }
         let needs_check = |(&job, report): (&usize, &Report)| {
-            (report.like.as_ref()?["needs_check"] == true).then(|| self.jobs[job].mesh.display().to_string())
+            (report.like.as_ref()?["needs_check"] == true).then(|| shown(&self.jobs[job].mesh))
         };
         let doubtful: Vec<String> = tally.reports.iter().filter_map(needs_check).collect();
         if shows_lines && !doubtful.is_empty() {
@@ -419,7 +424,7 @@ impl Batch<'_> {
         self.task.args.json.publish(&tally.reports.values().collect::<Vec<_>>())?;
         let (all, failed) = (self.jobs.len() + self.unlisted, tally.failed.len());
         if shows_lines {
-            tally.failed.iter().for_each(|(mesh, reason)| tell(&format!("failed: {}: {reason}", mesh.display())));
+            tally.failed.iter().for_each(|(mesh, reason)| tell(&format!("failed: {}: {reason}", shown(mesh))));
             let done = all - failed - tally.skipped;
             let mut skipped = if tally.skipped > 0 { format!(", {} skipped", tally.skipped) } else { String::new() };
             if tally.elsewhere > 0 {

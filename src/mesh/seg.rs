@@ -48,7 +48,8 @@ pub fn write_seg_to(path: &Path, writer: &mut dyn Write, labels: &[u32], run: &R
     out.finish()
 }
 
-/// Reads a `.seg` file. Blank lines, blanks around a label, CRLF and lines that begin with `#` are accepted.
+/// Reads a `.seg` file. Blank lines, blanks around a label, CRLF, a byte order mark and lines that begin with `#` are
+/// accepted.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Malformed`] naming the line that is not a label; [`Error::Unusable`] for a file without
@@ -89,8 +90,10 @@ fn each_label(
     mut visit: impl FnMut(u32) -> Result<()>,
 ) -> Result<()> {
     let bytes = MappedBytes::open(path)?;
+    // Editors of some systems put a byte order mark at the start.
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     let mut any = false;
-    for (number, line) in bytes.split(|&byte| byte == b'\n').enumerate() {
+    for (number, line) in text.split(|&byte| byte == b'\n').enumerate() {
         let line = line.trim_ascii();
         if line.is_empty() || line.starts_with(b"#") {
             continue;
@@ -129,6 +132,8 @@ mod tests {
         let path = dir.path().join("x.seg");
         std::fs::write(&path, "# truth\r\n 1\r\n\r\n2").unwrap();
         assert_eq!(read_seg(&path).unwrap(), [1, 2]);
+        std::fs::write(&path, "\u{feff}3\n4\n").unwrap();
+        assert_eq!(read_seg(&path).unwrap(), [3, 4]);
         std::fs::write(&path, "1\n\n-1\n").unwrap();
         assert!(read_seg(&path).unwrap_err().to_string().contains("x.seg: line 3: \"-1\" is not a label; "));
         std::fs::write(&path, "\n").unwrap();

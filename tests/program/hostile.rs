@@ -48,6 +48,9 @@ fn a_name_does_nothing_where_it_is_shown() {
     let said = told(&output);
     assert!(output.status.code() == Some(1) && is_plain(&said), "{said:?}");
     assert_eq!(said.lines().filter(|line| line.starts_with("failed: ")).count(), 1, "{said}");
+    // Line breaks in names divided rows and lines.
+    let rows = said.lines().filter(|line| line.contains(".ply"));
+    assert!(rows.clone().count() == 3 && rows.clone().all(|line| line.contains("/meshes/")), "{said}");
     for words in [vec!["segment", "no\nsuch\u{1b}[1m.ply"], vec!["segment", word(&mesh), "--cluster", "x\u{1b}[1m\n"]] {
         let output = run(&words);
         assert!(!output.status.success() && is_plain(&told(&output)), "{words:?}: {:?}", told(&output));

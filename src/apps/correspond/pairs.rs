@@ -27,7 +27,7 @@ pub fn read(path: &Path, a: &Mesh, b: &Mesh, run: &Run) -> Result<Vec<(u32, u32)
     let text = String::from_utf8(json::read_small(path)?)
         .map_err(|_| Error::unusable(path, "is not text", "write two vertices, or two points, in each line"))?;
     let mut pairs = Vec::new();
-    for (k, line) in text.lines().enumerate() {
+    for (k, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
         let words: Vec<&str> =
             line.split('#').next().unwrap_or("").split([' ', '\t', ',', ';']).filter(|w| !w.is_empty()).collect();
         let wrong = |problem: String| {
