@@ -12,9 +12,9 @@ use nystrom_stream::mesh::import;
 use nystrom_stream::mesh::ply::header;
 use nystrom_stream::mesh::ply::{Element, Property};
 use nystrom_stream::mesh::size::{is_pipe, shows_when_read, size_of_mesh};
-use nystrom_stream::pipeline::input;
+use nystrom_stream::pipeline::input::{self, Record};
 use nystrom_stream::store::json::value as to_json;
-use nystrom_stream::store::verify::{unrecorded, verify as check};
+use nystrom_stream::store::verify::{Checked, unrecorded, verify as check};
 use nystrom_stream::store::workdir::Manifest;
 use nystrom_stream::store::{Context, MappedBytes, Run, WorkDir};
 use serde_json::{Value, json};
@@ -257,24 +257,42 @@ pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), Cl
     let files =
         manifests.flat_map(|manifest| manifest.stages.into_values().flat_map(|stage| stage.files.into_values()));
     let bytes = files.fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
-    let (all, _) = run.stage("verify", "bytes", bytes, || check(Context::new(&work, &run)))?;
+    let (mut all, _) = run.stage("verify", "bytes", bytes, || check(Context::new(&work, &run)))?;
+    all.extend(copy_of_input(&work)?);
     let damaged: Vec<_> = all.iter().filter(|file| file.problem.is_some()).collect();
     for file in &damaged {
         let path = work.file(&file.file);
+        let origin = match file.stage.as_str() {
+            INPUT => "the mesh from standard input".to_string(),
+            stage => format!("stage {stage}, {} bytes expected", file.bytes),
+        };
         let text = format!(
-            "{}: {} (stage {}, {} bytes expected); {}rerun the command that wrote it",
+            "{}: {} ({origin}); {}rerun the command that wrote it",
             path.display(),
             file.problem.as_deref().unwrap_or_default(),
-            file.stage,
-            file.bytes,
             if path.exists() { "delete the file and " } else { "" },
         );
         tell_error(bars.style(), &text, Some(&path), Value::Null);
     }
+    let bytes = all.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
     let text = format!("{}, {bytes} bytes: all intact\n", counted(all.len(), "file"));
     args.json.publish_or_print(&all, if damaged.is_empty() { &text } else { "" })?;
     if damaged.is_empty() {
         return Ok(());
     }
     Err(CliError::Reported(format!("{} damaged", counted(damaged.len(), "file"))))
+}
+
+/// Stands for a stage in what is told of the copy of standard input, which no stage made.
+const INPUT: &str = "input";
+
+/// The copy of a mesh from standard input in `work`, checked, if there is to be one: nothing else has that mesh.
+fn copy_of_input(work: &WorkDir) -> Result<Option<Checked>> {
+    // Directories of other kinds, and of other versions, record no mesh that could be checked.
+    let Some(record) = Record::read(work).ok().filter(Record::is_spooled) else { return Ok(None) };
+    let problem = record.problem_of_copy(work.path())?.map(str::to_string);
+    let path = record.path(work.path());
+    let bytes = path.metadata().map_or(0, |metadata| metadata.len());
+    let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    Ok(Some(Checked { stage: INPUT.into(), file, bytes, problem }))
 }

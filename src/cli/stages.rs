@@ -505,15 +505,20 @@ fn check_mesh(named: Option<&Path>, record: &Record, folder: &Path) -> Result<()
     Ok(())
 }
 
+/// What to do if the copy of standard input is lost or damaged.
+const AGAIN: &str = "repeat the command that read it from standard input";
+
 /// The location of the mesh of the work directory in `folder`: `moved` if given, else the path in `record`.
 fn mesh_path(moved: Option<&Path>, record: &Record, folder: &Path) -> Result<PathBuf, Error> {
     let path = moved.map_or_else(|| record.path(folder), Path::to_path_buf);
     if moved.is_none() && !path.exists() {
-        let remedy = format!("give its new path before --work-dir {}", folder.display());
+        let again = || format!("give its new path before --work-dir {}", folder.display());
+        let remedy = if record.is_spooled() { AGAIN.into() } else { again() };
         return Err(Error::unusable(path, "is no longer at the path recorded in the work directory", remedy));
     }
     if !record.is_of(&path)? {
-        return Err(Error::unusable(path, "is not the mesh of the work directory", "give that mesh"));
+        let remedy = if moved.is_none() && record.is_spooled() { AGAIN } else { "give that mesh" };
+        return Err(Error::unusable(path, "is not the mesh of the work directory", remedy));
     }
     Ok(path)
 }

@@ -167,6 +167,20 @@ impl Record {
         }
     }
 
+    /// What is wrong with the copy of standard input in the work directory at `folder`, if anything. Other meshes lie
+    /// elsewhere, and are checked when they are read.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the copy cannot be read.
+    pub fn problem_of_copy(&self, folder: &Path) -> Result<Option<&'static str>> {
+        let path = self.path(folder);
+        Ok(match self.is_spooled() {
+            true if !path.exists() => Some("is missing"),
+            true if !self.is_of(&path)? => Some("has another checksum: it was changed or damaged"),
+            _ => None,
+        })
+    }
+
     /// The record in `work`.
     ///
     /// # Errors

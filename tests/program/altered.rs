@@ -441,3 +441,38 @@ fn a_manifest_of_any_bytes_is_named_with_what_to_do() {
         assert!(said.contains("manifest.json") && said.contains("delete the work directory"), "{said}");
     }
 }
+
+/// Regression: `verify` called a directory intact whose mesh from standard input, of which it has the only copy, was damaged or
+/// gone, and `export` then asked for a mesh or a path that its user never had.
+#[test]
+fn a_damaged_copy_of_standard_input_is_told() {
+    let dir = in_memory();
+    let (file, work) = (dir.path().join("x.ply"), dir.path().join("w"));
+    mesh(&file, 6, 8);
+    let (work, copy, page) = (word(&work), work.join("input"), dir.path().join("x.html"));
+    let again = || {
+        let words = ["segment", "-", "-k", "2", "-q", "--work-dir", work, "-o", word(&page)];
+        let output = program().args(words).stdin(std::fs::File::open(&file).unwrap()).output().unwrap();
+        assert!(output.status.success(), "{}", errors(&output));
+    };
+    again();
+    ok(&["verify", work]);
+    let whole = std::fs::read(&copy).unwrap();
+    let mut flipped = whole.clone();
+    flipped[whole.len() / 2] ^= 1;
+    for (damage, told) in [(Some(flipped), "has another checksum"), (None, "is missing")] {
+        match damage {
+            Some(bytes) => std::fs::write(&copy, bytes).unwrap(),
+            None => std::fs::remove_file(&copy).unwrap(),
+        }
+        let said = errors(&run(&["verify", work]));
+        assert!(said.contains(&format!("{}: {told}", word(&copy))), "{said}");
+        assert!(said.contains("(the mesh from standard input); "), "{said}");
+        let said = errors(&run(&["export", "--work-dir", work, "-o", word(&page)]));
+        assert!(said.contains("repeat the command that read it from standard input"), "{said}");
+    }
+    // What the messages advise.
+    again();
+    ok(&["verify", work]);
+    assert_eq!(std::fs::read(&copy).unwrap(), whole);
+}
