@@ -82,18 +82,15 @@ pub(super) fn of_boundaries(label: &[u32], confidence: &[f64], shares: &[f64], b
 /// The certainty of each superface's label: its mean C to the rest of its own part minus the greatest mean to another
 /// part, clamped to \[0, 1\].
 pub fn confidence(superfaces: &Superfaces, co_association: &Square, label: &[u32], parts: usize) -> Vec<f64> {
-    let n = superfaces.len();
-    let mut weighted = Square::zeros(n);
-    for i in 0..n {
-        for ((x, c), a) in weighted.row_mut(i).iter_mut().zip(co_association.row(i)).zip(&superfaces.area) {
-            *x = c * a;
-        }
-        weighted[(i, i)] = 0.0;
-    }
     let area = class_sums(label, &superfaces.area, parts);
-    (0..n)
+    let mut weighted = vec![0.; superfaces.len()];
+    (0..superfaces.len())
         .map(|i| {
-            let pull = class_sums(label, weighted.row(i), parts);
+            for ((x, c), a) in weighted.iter_mut().zip(co_association.row(i)).zip(&superfaces.area) {
+                *x = c * a;
+            }
+            weighted[i] = 0.0;
+            let pull = class_sums(label, &weighted, parts);
             let own = label[i] as usize;
             let rest = area[own] - superfaces.area[i];
             let inside = if rest > 1e-12 * area[own] { pull[own] / rest } else { 1.0 };

@@ -35,6 +35,14 @@ impl PartDecision {
         Self { superfaces, co_association, tree, enclosed: Enclosed::default(), is_wall: Vec::new() }
     }
 
+    /// Share of pairs of points, by area, on which a person is expected to differ from the parts `label` of the cells
+    /// (S) ([`agreement::disagreement`]).
+    pub fn expected_disagreement(&self, label: &[u32]) -> f64 {
+        // A cut may divide superfaces, or move a loose piece of one: a superface gets the label of its first cell.
+        let label = self.superfaces.labels(label);
+        agreement::disagreement(expected_disagreement(&self.superfaces, &self.co_association, &label))
+    }
+
     /// The affinities of the `cells` that it was made on. They must be finite ([`CellGraph::cleaned`]).
     pub fn affinities<'a>(&'a self, cells: &'a CellGraph) -> Affinities<'a> {
         let Self { superfaces, co_association, tree, .. } = self;
@@ -119,7 +127,6 @@ pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) ->
     // Stored in single precision, they sum only nearly to 1.
     let total: f64 = tree.area.iter().map(|&share| f64::from(share)).sum();
     let shares: Vec<f64> = tree.area.iter().map(|&share| f64::from(share) / total).collect();
-    // A cut may divide superfaces, or move a loose piece of one: a superface gets the label of its first cell.
     let label = superfaces.labels(&cut.label);
     let sure = agreement::confidence(superfaces, co_association, &label, cut.parts);
     let confidence: Vec<f64> = superfaces.of_cell.iter().map(|&a| sure[a as usize]).collect();
@@ -128,7 +135,7 @@ pub fn describe(decided: &PartDecision, cut: TreeCut, l: usize, seconds: f64) ->
         landmarks: l,
         superfaces: superfaces.len(),
         parts_found: tree.cut_detail(0.0).parts,
-        expected_disagreement: agreement::disagreement(expected_disagreement(superfaces, co_association, &label)),
+        expected_disagreement: decided.expected_disagreement(&cut.label),
         mean_confidence: confidence.iter().zip(&shares).map(|(c, a)| c * a).sum(),
         expected_agreement: agreement::of_parts(tree, &cut.label, cut.parts, &confidence, &shares),
         enclosed: *enclosed,
