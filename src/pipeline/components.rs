@@ -8,14 +8,13 @@
 //! bytes per component in arrays of the work directory. Parts themselves (names, colours, reports) are not out of core:
 //! each takes a kilobyte.
 
-use super::labels::{self, BYTES_PER_PART, Clustered, LABELS, QUALITY, SegmentStats};
-use super::params::{SegmentParams, TinyComponents};
+use super::labels::{self, Clustered, LABELS, QUALITY, SegmentStats};
+use super::params::{SegmentParams, TinyComponents, grant_parts};
 use crate::base::Result;
 use crate::base::parallel::chunk_range;
 use crate::cluster::area_shares::tiny_below;
 use crate::graph::DualGraph;
 use crate::graph::components::ComponentTable;
-use crate::store::needs::BESIDE_BUDGET;
 use crate::store::npy::ArrayMut;
 use crate::store::{Context, Run};
 
@@ -66,9 +65,8 @@ impl Ranked {
         let least = if tiny == TinyComponents::Own { tiny_below(total, area_of(order[0])) } else { 0. };
         let large = order.partition_point(|&component| area_of(component) >= least);
         let parts = large + usize::from(large < count);
-        let bytes = (BYTES_PER_PART * parts as u64).saturating_sub(BESIDE_BUDGET);
         let remedy = "let tiny components share a part: `tiny_components` own";
-        let _room = context.run.budget.take_or("so many components as parts", bytes, remedy)?;
+        let _grant = grant_parts(parts, Some(remedy), context.run)?;
         let mut numbers = SegmentStats { faces: vec![0; parts], area: vec![0.; parts], ..SegmentStats::default() };
         let mut part: ArrayMut<u32> = context.work.array("component_part.tmp", &[count])?;
         for (rank, &component) in order.iter().enumerate() {

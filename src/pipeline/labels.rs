@@ -51,8 +51,6 @@ pub const LABELS_VERSION: u32 = 9
     + Contraction::VERSION;
 /// A note, if tiny components should form a part of their own.
 pub(super) const NO_TINY_COMPONENTS: &str = "there are no tiny components, so no label stands for them";
-/// Bytes that a part takes in reports and in the record of the work directory (measured).
-pub(super) const BYTES_PER_PART: u64 = 1100;
 
 /// Numbers from the stages for the report.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -7,7 +7,8 @@
 //! Cost: that of the transfer or the matching, and one pass over the faces.
 
 use super::correspond::{CorrespondParams, correspond, default_landmarks_for_vertices};
-use super::labels::{self, BYTES_PER_PART, LABELS, SegmentedMesh};
+use super::labels::{self, LABELS, SegmentedMesh};
+use super::params::BYTES_PER_PART;
 use crate::apps::correspond::Match;
 use crate::apps::transfer::transfer;
 use crate::base::tally::tally;

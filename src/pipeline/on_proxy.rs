@@ -4,7 +4,7 @@
 //! Cost: that of [`parts`], on the mesh or on the proxy, which has at most 240,000 faces.
 
 use super::labels::{self, Clustered, LABELS, OnProxy, QUALITY, SegmentStats, touching};
-use super::params::SegmentParams;
+use super::params::{SegmentParams, grant_parts};
 use super::parts::{self, PartRequests};
 use super::proxy::ProxyMesh;
 use super::surface::is_tiny;
@@ -157,6 +157,7 @@ impl MeshAndProxy<'_> {
         let own = numbers.tiny_components_label;
         let mut parts = kept.len();
         if parts < wanted {
+            let _grant = grant_parts(wanted, None, context.run)?;
             let weighted = self.graph.weighted(params.metric, context)?;
             let pieces = divide(weighted.csr(), &labels, wanted, own, LABELS, context)?;
             weighted.release(context.work)?;

@@ -284,6 +284,25 @@ impl Cluster {
 /// The name of this allocation in [`Error::Memory`].
 const WHAT_LANDMARKS_TAKE: &str = "finding parts with so many landmarks";
 
+/// Bytes that a part takes in reports and in the record of the work directory (measured).
+pub(super) const BYTES_PER_PART: u64 = 1100;
+/// The name of these in [`Error::Memory`], and what helps.
+const WHAT_PARTS_TAKE: (&str, &str) = ("so many parts", "request fewer `parts`");
+
+/// The part of the bytes of `parts` parts that must fit the budget.
+fn part_bytes_of_budget(parts: usize) -> u64 {
+    (BYTES_PER_PART * parts as u64).saturating_sub(BESIDE_BUDGET)
+}
+
+/// Takes that part from the budget; `remedy` is what would help besides more memory, by default fewer parts.
+///
+/// # Errors
+/// [`Error::Memory`].
+pub(super) fn grant_parts(parts: usize, remedy: Option<&'static str>, run: &Run) -> Result<Grant> {
+    let (what, fewer) = WHAT_PARTS_TAKE;
+    run.budget.take_or(what, part_bytes_of_budget(parts), remedy.unwrap_or(fewer))
+}
+
 impl SegmentParams {
     /// Rejects options that are out of range, contradict each other, or have no effect on the chosen method.
     ///
@@ -364,8 +383,8 @@ impl SegmentParams {
         Ok(())
     }
 
-    /// Rejects more landmarks than [`Budget::left_to_stages`] has room for, before rows are computed; arrays may use
-    /// the rest.
+    /// Rejects more landmarks or parts than [`Budget::left_to_stages`] has room for, before rows are computed; arrays
+    /// may use the rest.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -373,11 +392,15 @@ impl SegmentParams {
         let faces = usize::try_from(faces).unwrap_or(usize::MAX);
         let nodes = if self.contracts(faces) { NODES } else { faces } as u64;
         let landmarks = self.landmarks_of(faces).min(faces) as u64;
-        let needed = self.cluster.bytes_of_budget(landmarks, nodes);
         let available = Budget::left_to_stages(run.budget.total());
-        if needed > available {
-            return Err(Error::Memory { what: WHAT_LANDMARKS_TAKE, needed, available, remedy: LESS_WORK });
+        let (parts, fewer) = WHAT_PARTS_TAKE;
+        let needs = [
+            (WHAT_LANDMARKS_TAKE, self.cluster.bytes_of_budget(landmarks, nodes), LESS_WORK),
+            (parts, part_bytes_of_budget(self.parts.count.least()), fewer),
+        ];
+        match needs.into_iter().find(|(_, needed, _)| *needed > available) {
+            Some((what, needed, remedy)) => Err(Error::Memory { what, needed, available, remedy }),
+            None => Ok(()),
         }
-        Ok(())
     }
 }

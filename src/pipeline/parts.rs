@@ -9,7 +9,7 @@ use super::contracted::{contraction_and_shares, faces_of, units_of, weighted};
 use super::decision::{DecisionFacts, DecisionStage, decision_key, discard};
 use super::edits::{Corrections, OnCells, PartMarks};
 use super::labels::{self, Clustered, LABELS, SegmentStats};
-use super::params::{Boundaries, SegmentParams, TinyComponents, Walls, landmarks_on_contraction};
+use super::params::{Boundaries, SegmentParams, TinyComponents, Walls, grant_parts, landmarks_on_contraction};
 use super::surface::{Kind, PreparedSurface, SurfaceStage, WeightedSurface};
 use super::units::Units;
 use crate::base::printable::counted;
@@ -162,6 +162,7 @@ pub(super) fn parts(
     let divided = wanted > decided.cells;
     if divided {
         let wanted = wanted + usize::from(tiny_components_label.is_some());
+        let _grant = grant_parts(wanted, None, context.run)?;
         let pieces = divide(weighted.csr(), &labels, wanted, tiny_components_label, LABELS, context)?;
         parts = pieces.count();
         labels = pieces.labels;
@@ -273,8 +274,7 @@ fn decide_parts(
 
 /// The expected disagreement with people if as many parts as are found are cut, whatever the number requested.
 fn expected_disagreement(decision: &PartDecision) -> Result<f64> {
-    let found = decision.tree.cut_for(PartCount::Found, 0.)?;
-    Ok(parts::describe(decision, found, 0, 0.).report.expected_disagreement)
+    Ok(decision.expected_disagreement(&decision.tree.cut_for(PartCount::Found, 0.)?.label))
 }
 
 /// The parts of a decision on the cells of `surface`: those of a mesh, or of its contraction.

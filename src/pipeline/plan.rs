@@ -6,8 +6,9 @@
 //! short, bytes read and written are added, at the speed of the disk ([`DiskSpeed`]). Only the input's header is read.
 
 use super::input::computes;
-use super::params::{Cluster, SegmentParams};
+use super::params::{BYTES_PER_PART, Cluster, SegmentParams};
 use super::surface::{NORMALS_KEPT, SurfaceStage};
+use crate::base::printable::human;
 use crate::base::{Error, Result};
 use crate::cluster::contract::{Contraction, NODES};
 use crate::cluster::parts::PartCount;
@@ -125,10 +126,10 @@ fn landmarks(params: &SegmentParams, faces: u64) -> u64 {
 /// Size of the folder of the contracted surface without rows: its graph, cells, their rows, the ensemble (measured).
 const ON_CONTRACTION: u64 = 10 << 20;
 
-/// Bytes that finding parts allocates outside the budget.
+/// Bytes that finding parts, or recording them, allocates outside the budget.
 fn fixed(extent: &Extent, cluster: Cluster) -> u64 {
     let nodes = if extent.contracts { NODES as u64 } else { extent.faces };
-    cluster.fixed_bytes(extent.landmarks, nodes)
+    cluster.fixed_bytes(extent.landmarks, nodes).max(BYTES_PER_PART * extent.parts)
 }
 
 /// Whether rows are over all faces and every face is embedded: K-means and 2-means without a contraction.
@@ -233,6 +234,7 @@ impl Plan {
             vertices,
             corners,
             landmarks: landmarks(params, faces),
+            parts: params.parts.count.least() as u64,
             dimensions: if let PartCount::Exactly(parts) = params.parts.count { parts.max(2) as u64 } else { 0 },
             threads: run.threads as u64,
             reordered: reordered || params.order == Order::Hilbert,
@@ -327,7 +329,8 @@ impl Plan {
     /// A one-line warning if a rough surface, but not a smooth one, would exceed the disk under `folder`.
     pub fn disk_warning(&self, folder: &Path, there: u64) -> Option<String> {
         self.lack_of_disk(folder, there, self.disk_peak).map(|(needed, available)| {
-            format!("{needed} bytes of disk space are needed if the surface is rough, but only {available} are free")
+            let [needed, available] = [needed, available].map(|bytes| human(bytes as f64));
+            format!("{needed}B of disk space are needed if the surface is rough, but only {available}B are free")
         })
     }
 
@@ -349,11 +352,10 @@ impl Plan {
     /// A one-line warning if the run will be slow for lack of memory.
     pub fn warning(&self) -> Option<String> {
         self.short_cache().map(|cache| {
+            let [traversed, cache] = [self.random_access_bytes, cache].map(|bytes| human(bytes as f64));
             format!(
-                "fronts traverse {:.1} GB of mapped files, but only {:.1} GB of memory are left to cache them: expect \
-                 waits for the disk",
-                self.random_access_bytes as f64 / 1e9,
-                cache as f64 / 1e9
+                "fronts traverse {traversed}B of mapped files, but only {cache}B of memory are left to cache them: \
+                 expect waits for the disk"
             )
         })
     }

@@ -26,6 +26,8 @@ pub struct Extent {
     pub corners: u64,
     /// Landmarks l.
     pub landmarks: u64,
+    /// Parts that are requested, at least.
+    pub parts: u64,
     /// Coordinates of the embedding, if faces are clustered in it.
     pub dimensions: u64,
     /// Worker threads.

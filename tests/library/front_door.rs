@@ -501,3 +501,13 @@ fn what_many_landmarks_take_must_fit_the_budget() {
     let found = |memory| Matcher::new().refine(Refine::None).landmarks(300).memory(memory).run(&mesh, &mesh).unwrap();
     assert_eq!(found(small).matches(), found(1 << 30).matches());
 }
+
+/// Regression: reports and records took a kilobyte per part whatever the budget.
+#[test]
+fn what_many_parts_take_must_fit_the_budget() {
+    let mesh = Mesh::creature(100_000).unwrap();
+    let error = Segmenter::new().parts(60_000).memory(16 << 20).run(&mesh).map(drop).unwrap_err();
+    let text = error.to_string();
+    assert!(matches!(error, Error::Memory { .. }) && text.contains("so many parts"), "{text}");
+    Segmenter::new().parts(6).memory(16 << 20).run(&mesh).unwrap();
+}

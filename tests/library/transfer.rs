@@ -7,6 +7,7 @@ use nystrom_stream::apps::transfer::closest_faces::{
     Agreement, Probe, TriangleTree, UnitFrame, distance_2, normal, unit, unpack, window,
 };
 use nystrom_stream::apps::transfer::transfer;
+use nystrom_stream::base::Error;
 use nystrom_stream::mesh::{self, Mesh, UNLABELLED};
 use nystrom_stream::store::Context;
 use nystrom_stream::store::{Budget, Run, WorkDir};
@@ -122,6 +123,22 @@ fn a_mesh_gets_its_own_labels_back_and_another_resolution_nearly() {
             }
         }
     }
+}
+
+/// Regression: sizes of labels were kept whatever the budget.
+#[test]
+fn what_many_labels_take_must_fit_the_budget() {
+    let dir = tempfile::tempdir().unwrap();
+    let mesh = open(&common::creature(dir.path(), 50_000, false), dir.path());
+    let labels: Vec<u32> = (0..mesh.faces.len() as u32).collect();
+    let carried = |memory| {
+        let run = Run { budget: Budget::new(memory), ..run() };
+        let work = WorkDir::temporary(dir.path()).unwrap();
+        transfer(&mesh, &labels, &mesh, Context::new(&work, &run)).map(|found| found.labels.to_vec())
+    };
+    let error = carried(1 << 20).unwrap_err();
+    assert!(matches!(error, Error::Memory { .. }) && error.to_string().contains("so many labels"), "{error}");
+    assert_eq!(carried(64 << 20).unwrap(), labels);
 }
 
 #[test]

@@ -13,6 +13,7 @@ use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use crate::graph::DualGraph;
 use crate::mesh::{Labelling, Mesh, UNLABELLED};
+use crate::store::budget::Grant;
 use crate::store::{Context, MappedSlice, Run};
 use closest_faces::{Agreement, BYTES, Closest, Probe, TriangleTree, UnitFrame, normal, unit, unpack, window};
 use serde::Serialize;
@@ -298,11 +299,38 @@ fn label_from_neighbours(graph: &DualGraph, labels: &mut [u32], run: &Run) -> Re
     Ok(count as u64)
 }
 
+/// The number of faces of each label.
+#[derive(Default)]
+struct LabelSizes {
+    faces: BTreeMap<u32, u64>,
+    grants: Vec<Grant>,
+}
+
+impl LabelSizes {
+    /// Labels whose memory is taken from the budget at a time.
+    const BLOCK: usize = 1 << 12;
+    /// Bytes per label: a node of the map has room for 11 and may be half empty.
+    const BYTES: u64 = 40;
+
+    /// Counts a face with `label`.
+    ///
+    /// # Errors
+    /// [`Error::Memory`] for more labels than there is room for.
+    fn count(&mut self, label: u32, run: &Run) -> Result<()> {
+        *self.faces.entry(label).or_default() += 1;
+        if self.faces.len() > self.grants.len() * Self::BLOCK {
+            let bytes = Self::BYTES * Self::BLOCK as u64;
+            self.grants.push(run.budget.take_or("so many labels", bytes, "give fewer faces labels of their own")?);
+        }
+        Ok(())
+    }
+}
+
 /// Removes the label from every connected piece of fewer than `least` faces with at least one uncertain face (`quality`
 /// below 1), unless it is all there is of the label; returns the number of faces.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Cancelled`].
+/// [`Error::Memory`] for more labels than there is room for; [`Error::Io`], [`Error::Cancelled`].
 fn unlabel_islands(
     graph: &DualGraph,
     labels: &mut [u32],
@@ -315,12 +343,12 @@ fn unlabel_islands(
     let mut sizes = context.work.array::<u32>("piece_sizes.npy", &[n])?;
     let mut pieces = Forest::over(&mut parents.data()[..]);
     let (size, shared) = (&mut sizes.data()[..], graph.edges.by_shared_edge());
-    let mut all: BTreeMap<u32, u64> = BTreeMap::new();
+    let mut all = LabelSizes::default();
     for i in 0..n {
         if i % STOP_CHECK == 0 {
             context.run.cancel.check()?;
         }
-        *all.entry(labels[i]).or_default() += 1;
+        all.count(labels[i], context.run)?;
         for (j, _) in shared.neighbours(i as u32).take_while(|(j, _)| (*j as usize) < i) {
             if labels[j as usize] == labels[i] {
                 pieces.join(i as u32, j);
@@ -342,7 +370,7 @@ fn unlabel_islands(
         }
         let size = size[pieces.find(i as u32) as usize];
         let count = size & !UNCERTAIN;
-        if size != count && (count as usize) < least && u64::from(count) < all[&labels[i]] {
+        if size != count && (count as usize) < least && u64::from(count) < all.faces[&labels[i]] {
             taken += 1;
             labels[i] = UNLABELLED;
         }
