@@ -216,13 +216,9 @@ impl Document {
                     (_, kind) => cursor.skip_value(kind),
                 };
                 read.map_err(|fault| {
-                    let problem = match fault {
-                        Fault::End => "the file ends here".to_owned(),
-                        Fault::Text(text) => format!("{text} is not a number of the right type"),
-                        Fault::Length(length) => format!("a list has {length} items"),
-                    };
+                    let (problem, remedy) = fault.explained(element.count);
                     let place = format!("{} {record}", element.name.escape_debug());
-                    Error::malformed(&self.path, place, problem, CUT_SHORT)
+                    Error::malformed(&self.path, place, problem, remedy)
                 })?;
             }
             visit(record, numbers)?;
@@ -418,6 +414,16 @@ mod tests {
             let again = open(&labelled, dir.path(), &run).unwrap();
             assert_eq!(again.face_property("label", &run).unwrap(), [3, 70000]);
         }
+    }
+
+    #[test]
+    fn a_word_among_numbers_is_no_end_of_the_file() {
+        // Regression: the remedy was to get the whole file.
+        let dir = tempfile::tempdir().unwrap();
+        let (run, path) = (Run::new(&()), dir.path().join("a.ply"));
+        std::fs::write(&path, MESH.replace("-1", "seven")).unwrap();
+        let said = open(&path, dir.path(), &run).unwrap().face_property("kind", &run).unwrap_err().to_string();
+        assert!(said.contains("face 1: \"seven\" is not a number of the right type; correct the file"), "{said}");
     }
 
     #[test]

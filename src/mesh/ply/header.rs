@@ -127,7 +127,8 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Header> {
     loop {
         number += 1;
         let Some((line, taken)) = next_line(&bytes[at..], lone_cr) else {
-            let problem = format!("the header has no end_header line in its first {} MiB", LIMIT >> 20);
+            let within = if bytes.len() < LIMIT { String::new() } else { format!(" in its first {} MiB", LIMIT >> 20) };
+            let problem = format!("the header has no end_header line{within}");
             return Err(Error::malformed(path, format!("header line {number}"), problem, CUT_SHORT));
         };
         at += taken;

@@ -6,7 +6,7 @@
 //! unrolled on the way.
 
 use super::element::{Coordinates, Element, Encoding, Kind, Scalar};
-use super::header::{CUT_SHORT, Header};
+use super::header::Header;
 use super::values::{Binary, Cursor, Fault, Text};
 use crate::base::{Error, Result};
 use crate::mesh::geometry::{Faces, check_size};
@@ -85,13 +85,7 @@ impl<'a> Decoder<'a> {
     /// The error for a record that could not be read.
     fn error(&self, element: &Element, record: usize, fault: Fault) -> Error {
         let place = format!("{} {record}", element.name.escape_debug());
-        let (problem, remedy) = match fault {
-            Fault::End => (format!("the file ends here, but {} were declared", element.count), CUT_SHORT),
-            Fault::Text(text) => {
-                (format!("{text} is not a number of the right type"), "correct the file or export it again")
-            }
-            Fault::Length(length) => (format!("a list has {length} items"), "the file is damaged; get it again"),
-        };
+        let (problem, remedy) = fault.explained(element.count);
         Error::malformed(self.path, place, problem, remedy)
     }
 

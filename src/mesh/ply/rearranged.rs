@@ -153,10 +153,10 @@ impl<'a> RearrangedWriter<'a> {
 
     fn element<C: Cursor<'a>>(&self, number: usize, out: &mut Gather) -> Result<()> {
         let (document, role) = (self.document, self.role(number));
-        let element = &document.header.elements[number];
+        let (element, path) = (&document.header.elements[number], &document.path);
         if role == Role::Faces && document.strips {
             let bytes = 16 * self.mesh.faces.len();
-            return sorted(self.order.places, bytes, out, self.context, &|push| self.strips(push));
+            return sorted(self.order.places, bytes, out, (path, self.context), &|push| self.strips(push));
         }
         if element.properties.is_empty() {
             return Ok(());
@@ -177,7 +177,7 @@ impl<'a> RearrangedWriter<'a> {
         // Text in another encoding can be longer or shorter; this affects only the number of buckets.
         let bytes = document.ranges[number].len().max(element.least_size() * element.count);
         let produce = |push: Push<'_>| self.records::<C>(number, |record, bytes| push(record, bytes));
-        sorted(places, bytes, out, self.context, &produce)
+        sorted(places, bytes, out, (path, self.context), &produce)
     }
 
     /// The records of an element in file order, encoded for the output.
@@ -279,16 +279,19 @@ const PIECE: usize = 16;
 
 /// Position, index of the piece · 32 + number of bytes, and the bytes.
 type Piece = [u32; 2 + PIECE / 4];
+/// The longest record: the number of a piece has 27 bits beside the 5 of its length.
+const LONGEST: usize = PIECE << 27;
 
 /// Receives records as they are made: number and bytes.
 type Push<'a> = &'a mut dyn FnMut(usize, &[u8]) -> Result<()>;
 
-/// Calls `produce` to make records, about `bytes` in all, and writes record r at position `places[r]`.
+/// Calls `produce` to make records of the mesh `path`, about `bytes` in all, and writes record r at position
+/// `places[r]`.
 fn sorted(
     places: &[u32],
     bytes: usize,
     out: &mut Gather,
-    Context { work, run }: Context<'_>,
+    (path, Context { work, run }): (&Path, Context<'_>),
     produce: &dyn Fn(Push<'_>) -> Result<()>,
 ) -> Result<()> {
     let n = places.len().max(1);
@@ -300,6 +303,10 @@ fn sorted(
     produce(&mut |record, bytes| {
         let place = places[record];
         let bucket = (u64::from(place) * shuffle.buckets() as u64 / n as u64) as usize;
+        if bytes.len() > LONGEST {
+            let problem = format!("record {record} of an element has {} bytes, too many to be sorted", bytes.len());
+            return Err(Error::unusable(path, problem, "split its lists, or leave them out"));
+        }
         for (k, part) in bytes.chunks(PIECE).enumerate() {
             let mut piece: Piece = [0; 2 + PIECE / 4];
             piece[..2].copy_from_slice(&[place, (k as u32) << 5 | part.len() as u32]);

@@ -4,7 +4,7 @@
 //! loop: 2–5 ns per binary number, 15–30 ns per number in text. An encoder appends to a buffer, 5–50 ns per number.
 
 use super::element::{Encoding, Kind, Scalar};
-use super::header::shown;
+use super::header::{CUT_SHORT, shown};
 use std::io::Write as _;
 
 /// Why a number could not be read.
@@ -16,6 +16,19 @@ pub(super) enum Fault {
     Text(String),
     /// A list has a negative length.
     Length(i64),
+}
+
+impl Fault {
+    /// The problem of an element of `declared` records that could not be read, and the remedy.
+    pub(super) fn explained(self, declared: usize) -> (String, &'static str) {
+        match self {
+            Self::End => (format!("the file ends here, but {declared} were declared"), CUT_SHORT),
+            Self::Text(text) => {
+                (format!("{text} is not a number of the right type"), "correct the file or export it again")
+            }
+            Self::Length(length) => (format!("a list has {length} items"), "the file is damaged; get it again"),
+        }
+    }
 }
 
 /// A position in a payload.
