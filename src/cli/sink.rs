@@ -248,7 +248,7 @@ pub fn check_distinct<'a>(
     }
     let mut implied = BTreeSet::new();
     for path in seen.values().filter(|path| **path != stdout) {
-        let materials = (Form::of(path) == Some(Form::Obj)).then(|| material_file(path));
+        let materials = (Form::of(path) == Some(Form::Obj)).then(|| material_file(path)).transpose()?;
         for (file, is_material) in [(partial_name(path), false)].into_iter().chain(materials.map(|file| (file, true))) {
             // Links in their places are replaced, not followed.
             let Some(place) = own_place(&file) else { continue };

@@ -133,10 +133,16 @@ fn is_free(path: &Path) -> bool {
 }
 
 /// The material file of the OBJ file `path`, if the input has no materials: never overwrites one of another program.
-pub fn material_file(path: &Path) -> PathBuf {
+///
+/// # Errors
+/// [`Error::Unusable`] if a thousand names that it could have are taken.
+pub fn material_file(path: &Path) -> Result<PathBuf> {
     let endings = (2..).map(|k| format!("parts{k}.mtl"));
     let all = ["mtl".to_string(), "parts.mtl".into()].into_iter().chain(endings).map(|end| path.with_extension(end));
-    all.take(1000).find(|place| is_free(place)).unwrap_or_else(|| path.with_extension("mtl"))
+    all.take(1000).find(|place| is_free(place)).ok_or_else(|| {
+        let problem = "its materials have no name: all up to .parts999.mtl are files that cannot be replaced";
+        Error::unusable(path, problem, "give it another name or folder")
+    })
 }
 
 /// The names of objects, all different: a number is appended if another part has the same name.
@@ -170,7 +176,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
     let work = scratch_beside(path, run);
     let source = bytes.as_ref().map(|bytes| Source::of(bytes, n, &work, run)).transpose()?.flatten();
     let own = source.as_ref().is_none_or(|source| !source.has_materials);
-    let materials = material_file(path);
+    let materials = material_file(path)?;
     let is_new = own && !materials.exists();
     if own {
         if materials != path.with_extension("mtl") {

@@ -284,12 +284,13 @@ impl Splitter<'_> {
     fn part(&self, part: &PartFaces<'_>, size: PartSize, caps: &Caps, out: &mut Gather) -> Result<()> {
         let PartSize { faces, vertices, most_corners, .. } = size;
         let (double, count) = (self.mesh.positions.is_double(), Scalar::counting(most_corners.max(3)));
+        let number_type = Scalar::numbering(vertices + caps.centres.len() as u64);
         let mut header = HeaderWriter::new(self.encoder.target);
         header.remark(format!("comment part {}, cut by nystrom-stream", part.part));
         header.element("vertex", vertices + caps.centres.len() as u64).positions(double);
         header
             .element("face", faces + caps.triangles.len() as u64)
-            .corners(count, Scalar::I32)
+            .corners(count, number_type)
             .property("original_face", Scalar::I32);
         self.labelling.properties().iter().for_each(|&(name, scalar)| _ = header.property(name, scalar));
         out.buffer.append(&mut header.finish());
@@ -299,7 +300,7 @@ impl Splitter<'_> {
         }
         caps.centres.iter().for_each(|&p| self.vertex(p, &mut out.buffer));
         self.each(part, |face, corners| {
-            self.face(face, corners, count, &mut out.buffer);
+            self.face(face, corners, (count, number_type), &mut out.buffer);
             out.flush_if_full()
         })?;
         for corners in &caps.triangles {
@@ -308,7 +309,7 @@ impl Splitter<'_> {
                 Corner::Centre(k) => vertices as i64 + i64::from(k),
             };
             self.encoder.integer(count, 3, &mut out.buffer);
-            corners.iter().for_each(|&corner| self.encoder.integer(Scalar::I32, number(corner), &mut out.buffer));
+            corners.iter().for_each(|&corner| self.encoder.integer(number_type, number(corner), &mut out.buffer));
             self.encoder.integer(Scalar::I32, -1, &mut out.buffer);
             self.labelling.append_added(part.part, self.encoder, &mut out.buffer);
             self.encoder.end(&mut out.buffer);
@@ -359,10 +360,11 @@ impl Splitter<'_> {
         self.encoder.end(out);
     }
 
-    fn face(&self, face: usize, corners: &[u32], count: Scalar, out: &mut Vec<u8>) {
+    /// The record of `face`, with `types` for the number of its corners and for each of them.
+    fn face(&self, face: usize, corners: &[u32], types: (Scalar, Scalar), out: &mut Vec<u8>) {
         let encoder = self.encoder;
-        encoder.integer(count, corners.len() as i64, out);
-        corners.iter().for_each(|&v| encoder.integer(Scalar::I32, self.number(v).into(), out));
+        encoder.integer(types.0, corners.len() as i64, out);
+        corners.iter().for_each(|&v| encoder.integer(types.1, self.number(v).into(), out));
         encoder.integer(Scalar::I32, face as i64, out);
         self.labelling.append(face, encoder, out);
         encoder.end(out);
