@@ -12,6 +12,7 @@ use nystrom_stream::base::{Error, Result, RunLog, printable};
 use nystrom_stream::mesh::ply::labelled::PlyForm;
 use nystrom_stream::mesh::{Document, Mesh, ends_with};
 use nystrom_stream::store::Budget;
+use nystrom_stream::store::json::pretty;
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::ffi::{OsStr, OsString};
@@ -68,13 +69,7 @@ impl JsonArgs {
     /// Writes `report` if requested.
     pub fn publish(&self, report: &impl serde::Serialize) -> Result<()> {
         let Some(target) = &self.json else { return Ok(()) };
-        let text = serde_json::to_string_pretty(report).map_err(|error| {
-            Error::unusable(
-                target,
-                format!("the report cannot be represented as JSON: {error}"),
-                "report this as a bug",
-            )
-        })?;
+        let text = pretty("the report", report)?;
         Sink::of(target).write(&(text + "\n"))
     }
 

@@ -16,8 +16,7 @@ use std::path::Path;
 /// # Errors
 /// [`Error::Internal`] for a value that JSON cannot represent.
 pub fn value(what: &str, value: &impl Serialize) -> Result<Value> {
-    serde_json::to_value(value)
-        .map_err(|error| Error::internal(&format!("{what} cannot be represented as JSON: {error}")))
+    serde_json::to_value(value).map_err(|error| not_json(what, &error))
 }
 
 /// The largest file that is read as a whole: files written by hand, and hierarchies of some two thousand cells.
@@ -43,11 +42,21 @@ pub fn read_small(path: &Path) -> Result<Vec<u8>> {
 /// `value` as JSON, for the file `path`.
 ///
 /// # Errors
-/// [`Error::Unusable`] naming `path` for a value that JSON cannot represent.
+/// [`Error::Internal`] naming `path` for a value that JSON cannot represent.
 pub fn text(path: &Path, value: &impl Serialize) -> Result<Vec<u8>> {
-    serde_json::to_vec(value).map_err(|error| {
-        Error::unusable(path, format!("cannot be represented as JSON: {error}"), "report this as a bug")
-    })
+    serde_json::to_vec(value).map_err(|error| not_json(&path.display().to_string(), &error))
+}
+
+/// `value` as indented JSON; `what` names it in the error.
+///
+/// # Errors
+/// As [`value`].
+pub fn pretty(what: &str, value: &impl Serialize) -> Result<String> {
+    serde_json::to_string_pretty(value).map_err(|error| not_json(what, &error))
+}
+
+fn not_json(what: &str, error: &serde_json::Error) -> Error {
+    Error::internal(&format!("{what} cannot be represented as JSON: {error}"))
 }
 
 /// Writes `text` to the file `path`, under another name until it is complete and synced.

@@ -7,6 +7,7 @@ use super::boundaries::{BoundaryField, Evaluator, discrepancy};
 use super::contingency::{Contingency, LabelIndex, check_count, consistency, count, hamming, rand, rand_area};
 use crate::base::{Error, Result};
 use crate::mesh::Mesh;
+use crate::store::json::pretty;
 use serde::Serialize;
 use std::fmt::Write;
 use std::sync::Arc;
@@ -286,10 +287,9 @@ impl ScoreTable {
     /// The table as JSON: `categories`, `overall`, `people`, `models`.
     ///
     /// # Errors
-    /// [`Error::Parameter`] if serialisation fails, which cannot happen for a finite table.
+    /// As [`pretty`].
     pub fn to_json(&self) -> Result<String> {
-        serde_json::to_string_pretty(self)
-            .map_err(|error| Error::parameter("table", error.to_string(), "report this as a bug"))
+        pretty("the table", self)
     }
 }
 
