@@ -108,7 +108,7 @@ fn imports_go_down_only() {
 fn only_the_command_line_knows_its_crates() {
     for (name, _, code) in files() {
         let inside = name.starts_with("cli/") || name == "main.rs";
-        for banned in ["clap", "clap_complete", "clap_mangen", "indicatif", "ctrlc"] {
+        for banned in ["clap", "clap_complete", "clap_mangen", "indicatif", "signal_hook", "glob", "cap", "mimalloc"] {
             let used = !named(&code, banned).is_empty() || code.contains(&format!("use {banned};"));
             assert!(inside || !used, "src/{name} uses {banned}");
         }

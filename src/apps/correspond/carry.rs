@@ -17,6 +17,9 @@ use std::cmp::Reverse;
 /// Up to this number of values, each is compared with all others: a face may have millions of corners.
 const FEW: usize = 16;
 
+/// Faces between two checks of the stop flag.
+const STOP_CHECK: usize = 1 << 18;
+
 /// A property of B on its vertices, ready to be transferred.
 #[derive(Clone, Debug)]
 pub struct Property {
@@ -38,10 +41,13 @@ fn first_faces(mesh: &Mesh, context: Context<'_>) -> Result<MappedSlice<u32>> {
     let mut array = context.work.array::<u32>("first_faces.npy", &[mesh.positions.len()])?;
     let of = &mut array.data()[..];
     of.fill(u32::MAX);
-    context.run.cancel.check()?;
-    mesh.faces.for_each(0..mesh.faces.len(), |face, corners| {
-        corners.iter().for_each(|&v| of[v as usize] = of[v as usize].min(face as u32));
-    });
+    let n = mesh.faces.len();
+    for start in (0..n).step_by(STOP_CHECK) {
+        context.run.cancel.check()?;
+        mesh.faces.for_each(start..n.min(start + STOP_CHECK), |face, corners| {
+            corners.iter().for_each(|&v| of[v as usize] = of[v as usize].min(face as u32));
+        });
+    }
     array.finish(false)
 }
 

@@ -24,6 +24,9 @@ use rstar::RTree;
 use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
+/// Faces between two checks of the stop flag.
+const STOP_CHECK: usize = 1 << 18;
+
 /// The mesh data needed for comparisons.
 #[derive(Clone, Debug)]
 pub struct Evaluator {
@@ -123,11 +126,14 @@ fn area(mesh: &Mesh, corners: &[u32]) -> f64 {
 }
 
 /// Mean distance of the surface from its centroid: face centres weighted by area.
-fn radius(mesh: &Mesh, areas: Option<&[f64]>) -> f64 {
+///
+/// # Errors
+/// [`Error::Cancelled`].
+fn radius(mesh: &Mesh, areas: Option<&[f64]>, cancel: &Cancel) -> Result<f64> {
     let weight = |face: usize| areas.map_or(1., |areas| areas[face]);
     let mean = |of: &dyn Fn([f64; 3]) -> [f64; 3]| {
         let (mut sum, mut total) = ([0f64; 3], 0f64);
-        mesh.faces.for_each(0..mesh.faces.len(), |face, corners| {
+        let mut add = |face: usize, corners: &[u32]| {
             let mut centre = [0f64; 3];
             for &corner in corners {
                 let position = mesh.positions.get(corner);
@@ -138,11 +144,16 @@ fn radius(mesh: &Mesh, areas: Option<&[f64]>) -> f64 {
                 (0..3).for_each(|axis| sum[axis] += weight(face) * value[axis]);
                 total += weight(face);
             }
-        });
-        sum.map(|x| x / total)
+        };
+        let n = mesh.faces.len();
+        for start in (0..n).step_by(STOP_CHECK) {
+            cancel.check()?;
+            mesh.faces.for_each(start..n.min(start + STOP_CHECK), &mut add);
+        }
+        Ok(sum.map(|x| x / total))
     };
-    let centroid = mean(&|centre| centre);
-    mean(&|centre| [distance(centre, centroid), 0., 0.])[0]
+    let centroid = mean(&|centre| centre)?;
+    Ok(mean(&|centre| [distance(centre, centroid), 0., 0.])?[0])
 }
 
 impl Edges {
@@ -163,7 +174,7 @@ impl Edges {
             starts: vec![0],
             faces: Vec::new(),
             neighbours: Vec::new(),
-            radius: radius(mesh, areas),
+            radius: radius(mesh, areas, cancel)?,
         };
         cancel.check()?;
         let (mut begins, mut halves) = edges.halves(mesh, |v| v);
