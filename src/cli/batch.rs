@@ -19,6 +19,7 @@ use nystrom_stream::base::printable::{counted, line};
 use nystrom_stream::base::{Error, Progress, Result};
 use nystrom_stream::pipeline::report::Report;
 use nystrom_stream::pipeline::{Cluster, SegmentParams, input};
+use nystrom_stream::store::json::value as to_json;
 use nystrom_stream::store::{Budget, WorkDir};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -63,8 +64,10 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(Segme
                  'out/{}.seg', or leave it out: each gets MESH.segmented.ply",
             );
         }
-        if args.json.json.as_ref().is_some_and(|path| path.to_string_lossy().contains("{}")) {
-            return misused("--json writes the reports of all meshes to one file; leave out {}, or use --json-lines");
+        let files = [("--json", &args.json.json), ("--json-lines", &args.json_lines)];
+        let filled = |path: &PathBuf| path.to_string_lossy().contains("{}");
+        if let Some((option, _)) = files.iter().find(|(_, path)| path.as_ref().is_some_and(filled)) {
+            return misused(&format!("{option} writes the reports of all meshes to one file; leave out {{}}"));
         }
         if args.work_dir.is_some() {
             return misused("--work-dir can only be used with a single mesh; leave it out, or cut meshes one by one");
@@ -194,12 +197,28 @@ impl Table {
     }
 }
 
+/// The reports in the file of `--json`, by the paths of their meshes: those of meshes that this run skips stay there.
+fn earlier_reports(args: &SegmentArgs) -> Result<BTreeMap<String, Value>> {
+    // A pipe or a device has no reports, and might wait for some.
+    let Some(path) = args.json.json.as_deref().filter(|path| args.resume && path.is_file()) else {
+        return Ok(BTreeMap::new());
+    };
+    let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let reports: Vec<Value> = serde_json::from_slice(&text).map_err(|_| {
+        Error::unusable(path, "holds no reports of a batch to go on with", "choose another name, or remove the file")
+    })?;
+    let named = |report: Value| Some((report["input"]["path"].as_str()?.to_string(), report));
+    Ok(reports.into_iter().filter_map(named).collect())
+}
+
 /// The progress of the jobs.
 #[derive(Default)]
 struct Tally {
     /// Destination of JSON lines.
     lines: Option<OpenSink>,
     reports: BTreeMap<usize, Report>,
+    /// Reports of an earlier run, by the paths of their meshes.
+    earlier: BTreeMap<String, Value>,
     failed: Vec<(PathBuf, String)>,
     skipped: usize,
     /// Of the skipped ones, those that another run was working on.
@@ -224,6 +243,18 @@ impl Tally {
         if let Err(error) = self.tell(&line) {
             self.stop.get_or_insert(error);
         }
+    }
+
+    /// The reports of `jobs`, in their order, as JSON: those of this run, and earlier ones of other meshes.
+    fn all_reports(&mut self, jobs: &[Job]) -> Result<Vec<Value>> {
+        for (mesh, _) in &self.failed {
+            self.earlier.remove(&*mesh.to_string_lossy());
+        }
+        let report = |(k, job): (usize, &Job)| match self.reports.get(&k) {
+            Some(report) => Some(to_json("the report", report)),
+            None => self.earlier.remove(&*job.mesh.to_string_lossy()).map(Ok),
+        };
+        jobs.iter().enumerate().filter_map(report).collect()
     }
 
     /// Records the result of a mesh; returns whether its line is written, if there is to be one.
@@ -297,6 +328,7 @@ fn all(jobs: Vec<Job>, unlisted: Vec<(PathBuf, Error)>, task: Task<'_>, app: &Ap
     }
     batch.tally.get_mut().unwrap_or_else(PoisonError::into_inner).lines =
         lines.map(|path| Sink::of(path).open(args.resume)).transpose()?;
+    batch.tally.get_mut().unwrap_or_else(PoisonError::into_inner).earlier = earlier_reports(args)?;
     for (folder, error) in unlisted {
         batch.bars.complain(&folder, &message(&error), file_of(&error));
         batch.tally.get_mut().unwrap_or_else(PoisonError::into_inner).record_failure(&folder, &error, 0.)?;
@@ -410,8 +442,13 @@ impl Batch<'_> {
     fn conclude(self, start: Instant) -> Result<(), CliError> {
         self.bars.finish();
         let shows_lines = self.shows_lines();
-        let tally = self.tally.into_inner().unwrap_or_else(PoisonError::into_inner);
-        if let Some(error) = tally.stop {
+        let mut tally = self.tally.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let json = &self.task.args.json;
+        if let Some(error) = tally.stop.take() {
+            // What is done stays done, so its reports stay too, in a file to which another run can add.
+            if matches!(error, Error::Cancelled) && !json.to_stdout() {
+                json.publish(&tally.all_reports(&self.jobs)?)?;
+            }
             return Err(error.into());
         }
         let needs_check = |(&job, report): (&usize, &Report)| {
@@ -421,7 +458,7 @@ impl Batch<'_> {
         if shows_lines && !doubtful.is_empty() {
             tell(&format!("check {} of {}: {}", doubtful.len(), tally.reports.len(), doubtful.join(", ")));
         }
-        self.task.args.json.publish(&tally.reports.values().collect::<Vec<_>>())?;
+        json.publish(&tally.all_reports(&self.jobs)?)?;
         let (all, failed) = (self.jobs.len() + self.unlisted, tally.failed.len());
         if shows_lines {
             tally.failed.iter().for_each(|(mesh, reason)| tell(&format!("failed: {}: {reason}", shown(mesh))));

@@ -124,6 +124,36 @@ fn finished_outputs_are_skipped_on_request() {
     assert_eq!(nystrom_stream::mesh::read_seg(&out.join("moebius.seg")).unwrap().len(), 80);
 }
 
+/// Regression: `--resume` replaced the reports of the meshes that it skipped by none.
+#[test]
+fn reports_of_skipped_meshes_stay() {
+    let dir = common::in_memory();
+    let meshes = [zoo::dumbbell(), zoo::grid(9), zoo::moebius(30)].map(|mesh| mesh.write(dir.path()));
+    let (json, out) = (dir.path().join("all.json"), dir.path().join("{}.seg"));
+    let option = format!("--json={}", word(&json));
+    let cut = |meshes: &[PathBuf]| {
+        let names = meshes.iter().map(|mesh| word(mesh)).collect::<Vec<_>>();
+        let output =
+            program().arg("segment").args(names).args(["-q", "--resume", "-k", "2", &option, "-o"]).arg(&out).output();
+        assert!(output.unwrap().status.success());
+        let reports: Vec<Value> = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+        let paths: Vec<_> =
+            reports.iter().map(|report| PathBuf::from(report["input"]["path"].as_str().unwrap())).collect();
+        assert_eq!(paths, meshes);
+        reports
+    };
+    let two = cut(&meshes[..2]);
+    let three = cut(&meshes);
+    assert_eq!(two, three[..2], "the same reports, times included");
+    assert_eq!(three, cut(&meshes));
+    // Those of meshes that are not among the given ones go, and what holds no reports is kept.
+    cut(&meshes[1..]);
+    std::fs::write(&json, "mine").unwrap();
+    let words = ["segment", word(&meshes[0]), "-q", "--resume", "-k", "2", &option, "-o", word(&out)];
+    refused(&words, 1, "holds no reports of a batch");
+    assert_eq!(std::fs::read_to_string(&json).unwrap(), "mine");
+}
+
 /// Regression: two batches over one folder of outputs that began together cut each mesh twice, in step.
 #[test]
 fn what_another_batch_works_on_is_skipped_on_request() {
