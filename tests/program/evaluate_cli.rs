@@ -130,6 +130,8 @@ fn what_is_wrong_is_said_in_one_line() {
     std::fs::create_dir(dir.path().join("empty")).unwrap();
     std::fs::create_dir(dir.path().join("latin")).unwrap();
     std::fs::write(dir.path().join("latin/models.tsv"), b"model\tcategory\n1\th\xfcgel\n").unwrap();
+    std::fs::create_dir(dir.path().join("double")).unwrap();
+    std::fs::write(dir.path().join("double/models.tsv"), "model\tcategory\n1\thump\n2\thill\n1\thump\n").unwrap();
     std::fs::create_dir(dir.path().join("blank")).unwrap();
     std::fs::write(dir.path().join("blank/models.tsv"), "model\tcategory\n1\thump\n\n2 hill\n").unwrap();
     for (arguments, expected, part) in [
@@ -158,7 +160,11 @@ fn what_is_wrong_is_said_in_one_line() {
         ("evaluate --benchmark empty ours", 1, "models.tsv"),
         // Regression: the text of the system's error, without a remedy.
         ("evaluate --benchmark latin ours", 1, "models.tsv: is not UTF-8; save it as UTF-8"),
+        // Regression: such a model counted double.
+        ("evaluate --benchmark double ours", 1, "models.tsv: names the model \"1\" twice"),
         ("evaluate --benchmark . ours --plot t.txt", 2, "use .svg or .png"),
+        // Regression: refused only after the work.
+        ("evaluate --benchmark . ours --plot t.png/", 1, "t.png/: is the name of a folder; leave out the /"),
         // Regression: such lines were left out without a word, and the means looked complete.
         ("evaluate --benchmark blank ours", 1, "models.tsv: line 4: no category; separate the fields by tabs"),
         // Regression: people's labels were replaced by the report.

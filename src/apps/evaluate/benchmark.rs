@@ -15,6 +15,7 @@ use crate::base::printable::counted;
 use crate::base::{Error, Result};
 use crate::mesh::{self, UNLABELLED, ends_with, read_seg};
 use crate::store::{Context, Run, WorkDir, private_folder};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Numbers after a model's name that are tried for human labels; some may be missing.
@@ -58,8 +59,8 @@ impl Benchmark {
     /// Opens the benchmark in `folder`.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Malformed`] if `models.tsv` lacks a column; [`Error::Unusable`] if it is not UTF-8 or
-    /// names no model.
+    /// [`Error::Io`]; [`Error::Malformed`] if `models.tsv` lacks a column; [`Error::Unusable`] if it is not UTF-8,
+    /// names no model, or names one twice.
     pub fn open(folder: &Path) -> Result<Self> {
         let path = folder.join("models.tsv");
         let text = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
@@ -83,6 +84,11 @@ impl Benchmark {
             Ok(BenchmarkModel { name: field(model, "model")?, category: field(category, "category")? })
         };
         let models = lines.filter(|(line, _)| line != &[""]).map(named).collect::<Result<Vec<BenchmarkModel>>>()?;
+        let mut names = BTreeSet::new();
+        if let Some(twice) = models.iter().find(|model| !names.insert(&model.name)) {
+            let problem = format!("names the model {:?} twice, which would count double", twice.name);
+            return Err(Error::unusable(&path, problem, "keep one of the lines"));
+        }
         if models.is_empty() {
             return Err(Error::unusable(path, "names no model", "add one line per model"));
         }
