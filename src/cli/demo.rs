@@ -37,13 +37,13 @@ pub struct DemoArgs {
 pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
-    std::fs::create_dir_all(&args.folder).map_err(Error::io(&args.folder, "create"))?;
     let creature = Creature::new(&Options {
         faces: args.faces,
         noise: args.noise,
         seed: args.run.seed.unwrap_or(0),
         ..Options::default()
     })?;
+    std::fs::create_dir_all(&args.folder).map_err(Error::io(&args.folder, "create"))?;
     let mesh = args.folder.join("creature.ply");
     creature.write_ply(&mesh, &run)?;
     let truth_file = args.folder.join("creature.seg");

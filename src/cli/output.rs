@@ -254,11 +254,15 @@ impl Output {
 
     /// Rejects an output that cannot be written, before any work.
     pub fn check(&self) -> Result<()> {
-        if self.form == Form::Folder && !self.target.as_os_str().as_encoded_bytes().ends_with(b"/") {
+        let sink = Sink::of(&self.target);
+        if self.form != Form::Folder {
+            return sink.check();
+        }
+        if !self.target.as_os_str().as_encoded_bytes().ends_with(b"/") {
             let remedy = "end it with / for one file per part, or give a file";
             return Err(Error::unusable(&self.target, "is a folder", remedy));
         }
-        Sink::of(&self.target).check()
+        sink.check_place()
     }
 
     /// Rejects a picture for which `budget` is too small, before any work.

@@ -51,9 +51,18 @@ impl Sink {
     /// Rejects a file whose folder is missing or not writable, before any work.
     pub fn check(&self) -> Result<()> {
         let Self::File(path) = self else { return Ok(()) };
-        if path.is_dir() && !path.as_os_str().as_encoded_bytes().ends_with(b"/") {
+        if path.is_dir() {
             return Err(Error::unusable(path, "is a folder", "give a file"));
         }
+        if path.as_os_str().as_encoded_bytes().ends_with(b"/") {
+            return Err(Error::unusable(path, "is the name of a folder", "leave out the / at its end"));
+        }
+        self.check_place()
+    }
+
+    /// Rejects a file or a folder of parts whose own folder is missing or not writable, before any work.
+    pub fn check_place(&self) -> Result<()> {
+        let Self::File(path) = self else { return Ok(()) };
         if partial_name(path).file_name().is_some_and(|name| name.len() > LONGEST_NAME) {
             return Err(Error::unusable(path, "its name is too long: it has more than 247 bytes", "shorten it"));
         }
@@ -203,9 +212,22 @@ pub fn check_places<'a>(
     folder: Option<&Path>,
     outputs: impl IntoIterator<Item = &'a PathBuf> + Clone,
 ) -> Result<(), CliError> {
+    check_places_or_folders(inputs, folder, outputs.clone())?;
+    Ok(outputs.into_iter().try_for_each(|path| Sink::of(path).check())?)
+}
+
+/// The same, where outputs may be folders of parts.
+pub fn check_places_or_folders<'a>(
+    inputs: impl IntoIterator<Item = &'a PathBuf>,
+    folder: Option<&Path>,
+    outputs: impl IntoIterator<Item = &'a PathBuf> + Clone,
+) -> Result<(), CliError> {
     check_distinct(inputs, outputs.clone())?;
     check_outside(folder, outputs.clone())?;
-    Ok(outputs.into_iter().try_for_each(|path| Sink::of(path).check())?)
+    Ok(outputs.into_iter().try_for_each(|path| match Sink::of(path) {
+        sink if path.as_os_str().as_encoded_bytes().ends_with(b"/") => sink.check_place(),
+        sink => sink.check(),
+    })?)
 }
 
 /// Rejects outputs that would overwrite an input, a material library or a texture of one, or each other, also by a file

@@ -15,7 +15,7 @@ use super::output::{
     FormArgs, JsonArgs, Output, check_folders, check_names, closing_line, faces_in_parts, outputs_of, scratch_folder,
 };
 use super::results::Cut;
-use super::sink::{check_places, print};
+use super::sink::{check_places, check_places_or_folders, print};
 use nystrom_stream::apps::edits::Edits;
 use nystrom_stream::base::Error;
 use nystrom_stream::base::printable::line;
@@ -335,7 +335,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let (work, record, run) = reopen(&args.place, args.run.seed, args.run.run(&bars, app))?;
     let inputs = [&args.mesh, &args.tree, &args.edits.edits, &args.edits.names].into_iter().flatten();
     let inputs = inputs.chain([&record.mesh]);
-    check_places(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.json.json))?;
+    check_places_or_folders(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.json.json))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
     outputs.iter().try_for_each(|output| output.check_budget(&run.budget))?;
     args.tree.iter().try_for_each(|path| check_is_file(path))?;
@@ -412,7 +412,7 @@ pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     let run = Run { seed: record.seed, ..run };
     let inputs = [&args.mesh, &args.names].into_iter().flatten();
     let inputs = inputs.chain([&record.mesh]);
-    check_places(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.tree))?;
+    check_places_or_folders(inputs.clone(), Some(work.path()), args.output.iter().chain(&args.tree))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.tree))?;
     outputs.iter().try_for_each(|output| output.check_budget(&run.budget))?;
     let table = NameTable::read(args.names.as_deref())?;

@@ -6,7 +6,7 @@ use super::options::{AppContext, CliError, ResourceArgs, ScratchArgs, ShownArgs}
 use super::output::{JsonArgs, Output, PlyArgs, check_folders, outputs_of, scratch_folder};
 use super::picture::check_labels;
 use super::results::Results;
-use super::sink::check_places;
+use super::sink::check_places_or_folders;
 use nystrom_stream::apps::labelled_faces::LabelledFaces;
 use nystrom_stream::apps::transfer::transfer;
 use nystrom_stream::base::printable::counted;
@@ -47,7 +47,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     args.ply.check(&outputs)?;
     check_labels(args.labels.as_ref())?;
     let inputs = [&args.from, &args.to].into_iter().chain(&args.labels);
-    check_places(inputs.clone(), None, args.output.iter().chain(&args.json.json))?;
+    check_places_or_folders(inputs.clone(), None, args.output.iter().chain(&args.json.json))?;
     check_folders(&outputs, inputs.chain(&args.output).chain(&args.json.json))?;
     [&args.from, &args.to].into_iter().try_for_each(|path| check_there(path))?;
     let bars = args.shown.bars();
