@@ -11,6 +11,7 @@ use super::components::{self, FLIPPED, find_components};
 use super::csr::{INDICES, WEIGHTS, WEIGHTS_STAGE, WeightedGraph};
 use super::dual_edges::{Assembled, CENTROID_DISTANCES, DualEdges, EDGES, assemble};
 use super::duplicates::{self, Evidence};
+use super::flaps;
 use super::frame::Frame;
 use super::half_edge_pairs::WithinNeeds;
 use super::node_blocks::NodeBlocks;
@@ -83,7 +84,8 @@ impl GraphFacts {
         }
         if duplicate > 0 {
             let verb = if duplicate == 1 { "face lies" } else { "faces lie" };
-            let why = "exactly where another one lies: treated as having no area, and labelled like it";
+            let why =
+                "exactly where another one lies: treated as having no area, and labelled like it or the faces around";
             notes.push(format!("{}: {duplicate} {verb} {why}", path.display()));
         }
         notes
@@ -230,9 +232,11 @@ impl DualGraph {
         let mut nonmanifold_edges = counts.nonmanifold;
         let within = pairs.nonmanifold_within().map(|within| (within.edges(), within.duplicate_sides()));
         drop(pairs);
-        if let Some((edges, sides)) = within {
+        let mut sides = counts.duplicates;
+        if let Some((edges, further)) = within {
             nonmanifold_edges += edges;
-            if let Some(mesh) = two_sided(Evidence::Sides(counts.duplicates.and(sides)))? {
+            sides = sides.and(further);
+            if let Some(mesh) = two_sided(Evidence::Sides(sides))? {
                 drop((assembled, nodes));
                 return again(&mesh);
             }
@@ -245,6 +249,21 @@ impl DualGraph {
         if let Some(mesh) = two_sided(Evidence::Components(&components))? {
             drop((components, edges, nodes));
             return again(&mesh);
+        }
+        if mesh.duplicates().is_none()
+            && sides.mixed > 0
+            && let Some(mesh) = flaps::without_flaps(mesh, &components, context)?
+        {
+            drop((components, edges, nodes));
+            let mut graph = again(&mesh)?;
+            // What the file has, which is not the surface twice, but a surface with flaps.
+            graph.facts = GraphFacts {
+                boundary_edges: counts.boundary,
+                nonmanifold_edges,
+                welded_edges: counts.welded,
+                ..graph.facts
+            };
+            return Ok(graph);
         }
         let Oriented { mut edges, nodes, components, facts: orientation, sums } =
             orient(edges, nodes, sums, whole, components, context)?;
@@ -354,7 +373,7 @@ pub(crate) struct GraphStage<'a> {
 
 impl Stage for GraphStage<'_> {
     const NAME: &'static str = "graph";
-    const VERSION: u32 = 10;
+    const VERSION: u32 = 11;
     type Facts = GraphFacts;
     type Output = DualGraph;
 

@@ -23,9 +23,9 @@ use super::nonmanifold::DuplicateSides;
 use crate::base::Result;
 use crate::base::parallel::{chunk_count, chunk_range};
 use crate::mesh::Mesh;
-use crate::store::Context;
 use crate::store::npy::ArrayWriter;
 use crate::store::shuffle::{BudgetedShuffle, Producer, RangeBuckets};
+use crate::store::{Context, Run, WorkDir};
 
 const CHUNK: usize = 1 << 14;
 /// Maximum number of components that are compared.
@@ -95,43 +95,22 @@ pub(super) fn with_duplicates(mesh: &Mesh, evidence: Evidence<'_>, context: Cont
     }
     let Context { work, run } = context;
     let (n, threads) = (mesh.faces.len(), run.threads as u64);
-    let file = work.spill("face_places.tmp");
-    let places = BudgetedShuffle::<[u32; 5]>::new(file, "comparing faces", n as u64, 6 * threads, 3, run)?;
-    let buckets = places.shuffle.buckets() as u64;
-    run.each_chunk(
-        chunk_count(n, CHUNK),
-        || places.shuffle.producer(),
-        |k, out| {
-            run.progress.advance("graph", 0);
-            chunk_range(n, CHUNK, k).try_for_each(|face| match mesh.place_of(face) {
-                Some([a, b, c]) => {
-                    let bucket = ((u64::from(a) * buckets) >> 32) as usize;
-                    out.push(bucket, [a, b, c, evidence.body(face), face as u32])
-                }
-                None => Ok(()),
-            })
-        },
-        Producer::finish,
-    )?;
+    let places = FacePlaces::of(mesh, |face| evidence.body(face), context)?;
     let file = work.spill("duplicate_faces.tmp");
     let found = BudgetedShuffle::<[u32; 2]>::new(file, "comparing faces", n as u64, 6 * threads, 2, run)?;
     let (by_face, mut out) = (RangeBuckets::new(n, found.shuffle.buckets()), found.shuffle.producer());
     let (mut corners, mut of_component) = (0, vec![0u32; evidence.table().map_or(0, ComponentTable::count)]);
-    places.shuffle.sorted(run, |records| {
-        for same in records.chunk_by(|a, b| a[..3] == b[..3]) {
-            let first = same[0][4];
-            corners += ((same.len() - 1) * mesh.faces.corner_range(first as usize).len()) as u64;
-            for &[.., body, face] in &same[1..] {
-                if let Some(table) = evidence.table() {
-                    of_component[table.number(body, 0)] += 1;
-                }
-                out.push(by_face.bucket_of(face), [face, first])?;
+    places.each(run, |same| {
+        let (_, first) = same[0];
+        corners += ((same.len() - 1) * mesh.faces.corner_range(first as usize).len()) as u64;
+        same[1..].iter().try_for_each(|&(body, face)| {
+            if let Some(table) = evidence.table() {
+                of_component[table.number(body, 0)] += 1;
             }
-        }
-        Ok(())
+            out.push(by_face.bucket_of(face), [face, first])
+        })
     })?;
     out.finish()?;
-    drop(places);
     if let Evidence::Sides(sides) = evidence
         && !sides.are_two_sided(corners)
     {
@@ -144,27 +123,103 @@ pub(super) fn with_duplicates(mesh: &Mesh, evidence: Evidence<'_>, context: Cont
             of_component[number] == table.nodes()[number]
         })
     };
-    let mut array = work.writer_of::<u32>(FILE, 1, n)?;
-    let (mut next, mut count) = (0, 0);
+    let mut writer = Writer::new(n, work)?;
     found.shuffle.sorted(run, |records| {
-        for [face, first] in records {
-            if is_whole(face) {
-                skip(&mut array, face as usize - next)?;
-                array.push(&[first + 1])?;
-                next = face as usize + 1;
-                count += 1;
-            }
-        }
-        Ok(())
+        records.into_iter().filter(|[face, _]| is_whole(*face)).try_for_each(|[face, first]| writer.push(face, first))
     })?;
-    skip(&mut array, n - next)?;
-    let of = array.finish(false)?;
-    if count == 0 {
-        drop(of);
-        work.remove(FILE);
-        return Ok(None);
+    writer.finish(mesh, work)
+}
+
+/// The places of all faces.
+pub(super) struct FacePlaces(BudgetedShuffle<[u32; 5]>);
+
+impl FacePlaces {
+    /// Those of the faces of `mesh`, together with the number `body(face)`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`], [`crate::base::Error::Memory`], [`crate::base::Error::Cancelled`].
+    pub fn of(mesh: &Mesh, body: impl Fn(usize) -> u32 + Sync, context: Context<'_>) -> Result<Self> {
+        let Context { work, run } = context;
+        let (n, threads) = (mesh.faces.len(), run.threads as u64);
+        let file = work.spill("face_places.tmp");
+        let places = BudgetedShuffle::<[u32; 5]>::new(file, "comparing faces", n as u64, 6 * threads, 3, run)?;
+        let buckets = places.shuffle.buckets() as u64;
+        run.each_chunk(
+            chunk_count(n, CHUNK),
+            || places.shuffle.producer(),
+            |k, out| {
+                run.progress.advance("graph", 0);
+                chunk_range(n, CHUNK, k).try_for_each(|face| match mesh.place_of(face) {
+                    Some([a, b, c]) => {
+                        let bucket = ((u64::from(a) * buckets) >> 32) as usize;
+                        out.push(bucket, [a, b, c, body(face), face as u32])
+                    }
+                    None => Ok(()),
+                })
+            },
+            Producer::finish,
+        )?;
+        Ok(Self(places))
     }
-    Ok(Some(mesh.clone().with_duplicates(of, count)))
+
+    /// Calls `visit` with the faces in each place that has several, each after the number of its body; ascending.
+    ///
+    /// # Errors
+    /// As [`FacePlaces::of`], and those of `visit`.
+    pub fn each(self, run: &Run, mut visit: impl FnMut(&[(u32, u32)]) -> Result<()>) -> Result<()> {
+        let mut faces = Vec::new();
+        self.0.shuffle.sorted(run, |records| {
+            let places = records.chunk_by(|a, b| a[..3] == b[..3]);
+            places.filter(|same| same.len() > 1).try_for_each(|same| {
+                faces.clear();
+                faces.extend(same.iter().map(|&[.., body, face]| (body, face)));
+                visit(&faces)
+            })
+        })
+    }
+}
+
+/// Writes [`FILE`].
+pub(super) struct Writer {
+    array: ArrayWriter<u32>,
+    next: usize,
+    n: usize,
+    count: u64,
+}
+
+impl Writer {
+    /// For a mesh of `n` faces.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`].
+    pub fn new(n: usize, work: &WorkDir) -> Result<Self> {
+        Ok(Self { array: work.writer_of::<u32>(FILE, 1, n)?, next: 0, n, count: 0 })
+    }
+
+    /// Adds `face`, greater than those before, which is linked to the face `to`.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`].
+    pub fn push(&mut self, face: u32, to: u32) -> Result<()> {
+        skip(&mut self.array, face as usize - self.next)?;
+        (self.next, self.count) = (face as usize + 1, self.count + 1);
+        self.array.push(&[to + 1])
+    }
+
+    /// `mesh` with these duplicates; `None` if there are none.
+    ///
+    /// # Errors
+    /// [`crate::base::Error::Io`].
+    pub fn finish(mut self, mesh: &Mesh, work: &WorkDir) -> Result<Option<Mesh>> {
+        skip(&mut self.array, self.n - self.next)?;
+        let of = self.array.finish(false)?;
+        if self.count == 0 {
+            drop(of);
+            work.remove(FILE);
+            return Ok(None);
+        }
+        Ok(Some(mesh.clone().with_duplicates(of, self.count)))
+    }
 }
 
 /// Appends `count` zeros: faces that are no duplicates.

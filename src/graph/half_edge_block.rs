@@ -9,7 +9,8 @@
 //!
 //! Cost: about 20 ns per triangle.
 
-use super::half_edge_sort::{FaceSide, HalfEdge, Match, Sorter, around_the_median, chain, for_each, try_for_each};
+use super::edge_links::{FaceSide, Match, link_sides};
+use super::half_edge_sort::{HalfEdge, Sorter, around_the_median, for_each, try_for_each};
 use super::node_blocks::NodeBlocks;
 use crate::base::Result;
 use crate::base::random::splitmix_step;
@@ -30,7 +31,7 @@ pub(super) struct BlockMatcher {
 
 impl BlockMatcher {
     /// Joins the half-edges that meet within block `block`. Passes each edge that does not have exactly two sides
-    /// there, or that other blocks may share, to `edge`, with whether they may.
+    /// there to `edge`, and instead of joining it each edge that other blocks may share, with whether they may.
     pub fn match_block(
         &mut self,
         mesh: &Mesh,
@@ -74,11 +75,11 @@ impl BlockMatcher {
             sort_few(words);
             for same in words.chunk_by(|a, b| a >> 32 == b >> 32) {
                 let side = |word: u64| FaceSide { corner: first_corner + (word as u32 >> 1), ascending: word & 1 == 1 };
-                if same.len() > 1 {
-                    chain(mesh, same.iter().map(|word| side(*word)), |a, b| a != b, &mut join)?;
-                }
                 let other = (same[0] >> 32) as u32;
                 let elsewhere = shares(v) && shares(other);
+                if !elsewhere {
+                    link_sides(mesh, same.iter().map(|word| side(*word)), &mut join)?;
+                }
                 if elsewhere || same.len() != 2 {
                     sides.clear();
                     sides.extend(same.iter().map(|word| match side(*word) {
@@ -91,10 +92,10 @@ impl BlockMatcher {
         }
         far_apart.sort(outside);
         for sides in far_apart.edges() {
-            if sides.len() > 1 {
-                chain(mesh, sides.iter().map(HalfEdge::side), |a, b| a != b, &mut join)?;
-            }
             let elsewhere = shares(sides[0].from) && shares(sides[0].to);
+            if !elsewhere {
+                link_sides(mesh, sides.iter().map(HalfEdge::side), &mut join)?;
+            }
             if elsewhere || sides.len() != 2 {
                 edge(sides, elsewhere)?;
             }

@@ -1,13 +1,14 @@
 //! Half-edge pairs, between matching and assembling: which node is across which corner's edge.
 //!
 //! If the budget has room for 4 bytes per corner, pairs go to a table indexed by corner. Nearly every corner has one
-//! pair, so the table is already the sorted list. The second pair of a corner (a middle face of an edge of three) goes
-//! to a separate list. Otherwise pairs within a block of faces are matched when the block is taken, and only those
+//! pair, so the table is already the sorted list. Further pairs of a corner (a middle face of an edge of three) go to a
+//! separate list. Otherwise pairs within a block of faces are matched when the block is taken, and only those
 //! between blocks are shuffled, 8 bytes each; without blocks all are. Every method delivers a part's pairs in the
 //! form of the table.
 
+use super::edge_links::Match;
 use super::half_edge_block::BlockMatcher;
-use super::half_edge_sort::{HalfEdge, Match};
+use super::half_edge_sort::HalfEdge;
 use super::node_blocks::{self, NodeBlocks};
 use super::nonmanifold::NonmanifoldEdges;
 use crate::base::Result;
@@ -125,8 +126,9 @@ pub(super) enum PairSink<'a> {
     Between(Producer<'a, HalfEdgePair>, usize),
 }
 
-/// Whether a table for `corners` corners is used if `left` bytes of the budget are left. No corner has more than two
-/// pairs, so the separate list holds at most twice the table's bytes: half of what is left, in all.
+/// Whether a table for `corners` corners is used if `left` bytes of the budget are left. An edge of k faces has
+/// 2 (k − 1) pairs, k of them in the table, so the separate list holds at most twice the table's bytes: half of what is
+/// left, in all.
 pub fn fit(corners: u64, left: u64) -> bool {
     4 * corners <= left / 6
 }

@@ -1,10 +1,10 @@
-//! Sorts half-edges so that equal edges are adjacent, and joins them.
+//! Sorts half-edges so that equal edges are adjacent.
 //!
 //! Time: two passes over a bucket and tiny sorts, linear in its half-edges as long as their low vertices are close
 //! together. Memory: 12 bytes per half-edge of a bucket twice, unsorted and sorted, and 4 per low vertex, at most 16
 //! per half-edge.
 
-use crate::base::Result;
+use super::edge_links::FaceSide;
 use crate::mesh::Mesh;
 use bytemuck::{Pod, Zeroable};
 use std::convert::Infallible;
@@ -41,13 +41,6 @@ impl HalfEdge {
     pub fn side(&self) -> FaceSide {
         FaceSide { corner: self.corner, ascending: self.from < self.to }
     }
-}
-
-/// A face's side of an edge: the corner where it starts, and its direction.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct FaceSide {
-    pub corner: u32,
-    pub ascending: bool,
 }
 
 /// Sorts half-edges by (low, high, corner): a counting sort by low vertex, then tiny sorts.
@@ -160,41 +153,6 @@ pub(super) fn try_for_each<E>(
         }
         Ok(())
     })
-}
-
-/// One direction of a match between two sides of an edge.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Match {
-    /// Where the step starts.
-    pub corner: u32,
-    /// Its face.
-    pub from: usize,
-    /// The face on the other side.
-    pub to: usize,
-    /// Whether both faces traverse the edge in the same direction.
-    pub opposite_winding: bool,
-}
-
-/// Joins the faces of consecutive sides in both directions, in ascending corner order, if `apart(face, next)`.
-pub(super) fn chain(
-    mesh: &Mesh,
-    sides: impl Iterator<Item = FaceSide>,
-    apart: impl Fn(usize, usize) -> bool,
-    mut join: impl FnMut(Match) -> Result<()>,
-) -> Result<()> {
-    let mut last: Option<(FaceSide, usize)> = None;
-    for side in sides {
-        let face = mesh.faces.face_of_corner(side.corner as usize);
-        if let Some((before, other)) = last
-            && apart(other, face)
-        {
-            let opposite_winding = before.ascending == side.ascending;
-            join(Match { corner: before.corner, from: other, to: face, opposite_winding })?;
-            join(Match { corner: side.corner, from: face, to: other, opposite_winding })?;
-        }
-        last = Some((side, face));
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -3,10 +3,9 @@
 //! A face of c corners has c half-edges (low vertex, high vertex, corner). Equal ones are brought together by a
 //! counting sort by low vertex and small sorts by high vertex (`half_edge_sort.rs`): first block by block
 //! (`node_blocks.rs`) of consecutive faces, in the cache; then those of edges that several blocks may share, shuffled
-//! by low vertex into buckets. If faces are scattered, all half-edges are shuffled. Corners ascend with blocks, so the
-//! chain of an edge (below) is the concatenation of the chains in its blocks. Every match becomes two [half-edge
-//! pairs](super::half_edge_pairs) for [`super::dual_edges`]. An edge of k > 2 faces joins them as a chain in the order
-//! of the file: k − 1 matches keep the graph sparse if a soup has a million faces on one edge.
+//! by low vertex into buckets. If faces are scattered, all half-edges are shuffled. Every match becomes two [half-edge
+//! pairs](super::half_edge_pairs) for [`super::dual_edges`]; [`super::edge_links`] decides at edges of three faces or
+//! more.
 //!
 //! Boundary edges at exactly the same position are welded ([`weld`]). Exporters duplicate vertices along texture seams,
 //! and STL-like soups give every face vertices of its own; by index alone such meshes fall to pieces. Only half-edges
@@ -18,9 +17,10 @@
 //! the budget allows, else written to disk and read once; and the pairs: 4 B per corner in memory or, if that is too
 //! much, none for those within blocks, which are matched when they are needed.
 
+use super::edge_links::{FaceSide, Match, link_sides};
 use super::half_edge_block::{BlockMatcher, comes_in_pairs};
 use super::half_edge_pairs::{HalfEdgePairs, PairSink};
-use super::half_edge_sort::{self, FaceSide, HalfEdge, Match, Sorter, chain};
+use super::half_edge_sort::{self, HalfEdge, Sorter};
 use super::node_blocks::NodeBlocks;
 use super::nonmanifold::{DuplicateSides, NonmanifoldEdges};
 use crate::base::Result;
@@ -100,11 +100,6 @@ pub(super) fn matched<'a>(
         Some(blocks) => matching.match_blocks(blocks, &pairs)?,
         None => matching.scatter()?,
     }
-    // Faces of the same block were joined there already.
-    let apart = |a: usize, b: usize| match &blocks {
-        Some(blocks) => blocks.of_node(a) != blocks.of_node(b),
-        None => a != b,
-    };
     context.run.each_chunk(
         half_edges.buckets(),
         || (pairs.sink(), boundary.producer(), Sorter::default()),
@@ -115,7 +110,7 @@ pub(super) fn matched<'a>(
                     open.push(matching.by_corner.bucket_of(single.corner), single.corner)?;
                 } else {
                     matching.nonmanifold.count(mesh, edge.iter().map(|side| side.corner));
-                    chain(mesh, edge.iter().map(HalfEdge::side), apart, |pair| out.push(pair))?;
+                    link_sides(mesh, edge.iter().map(HalfEdge::side), |pair| out.push(pair))?;
                 }
             }
             Ok(())
@@ -202,8 +197,8 @@ impl Matching<'_> {
     }
 }
 
-/// Links each known duplicate to the face that it duplicates. On one thread: several duplicates of one face are entered
-/// at the same corner.
+/// Links each known duplicate to the face that it is known by. On one thread: several duplicates of one face are
+/// entered at the same corner.
 fn link_duplicates(mesh: &Mesh, pairs: &HalfEdgePairs<'_>, run: &Run) -> Result<()> {
     let Some(known) = mesh.duplicates() else { return Ok(()) };
     let mut out = pairs.sink();
@@ -218,10 +213,11 @@ fn link_duplicates(mesh: &Mesh, pairs: &HalfEdgePairs<'_>, run: &Run) -> Result<
     out.finish()
 }
 
-/// The edge that links duplicate `face` to `first`, another face in its place: a common edge, both ways. The windings
-/// contradict if the faces traverse it in opposite directions, since they are the same piece of surface. `None` if
-/// polygons with the same corners have no common edge.
+/// The edge that links duplicate `face` to `first`: a common edge, both ways. If both faces lie in the same place, the
+/// windings contradict if the faces traverse it in opposite directions, since they are the same piece of surface; else
+/// if they traverse it in the same one. `None` if polygons with the same corners have no common edge.
 fn link(mesh: &Mesh, face: usize, first: usize) -> Option<[Match; 2]> {
+    let is_same_place = mesh.place_of(face) == mesh.place_of(first);
     let ends = |face: usize, slot: usize| {
         mesh.faces.with(face, |corners| {
             let at = |slot: usize| mesh.positions.get(corners[slot % corners.len()]);
@@ -229,17 +225,19 @@ fn link(mesh: &Mesh, face: usize, first: usize) -> Option<[Match; 2]> {
         })
     };
     let start = |face: usize| mesh.faces.corner_range(face).start;
-    let own = ends(face, 0);
-    for slot in 0..mesh.faces.corner_range(first).len() {
-        let other = ends(first, slot);
-        let is_same = other == own;
-        if is_same || [other[1], other[0]] == own {
-            let (corner, there) = (start(face) as u32, (start(first) + slot) as u32);
-            let opposite_winding = !is_same;
-            return Some([
-                Match { corner, from: face, to: first, opposite_winding },
-                Match { corner: there, from: first, to: face, opposite_winding },
-            ]);
+    for own_slot in 0..mesh.faces.corner_range(face).len() {
+        let own = ends(face, own_slot);
+        for slot in 0..mesh.faces.corner_range(first).len() {
+            let other = ends(first, slot);
+            let is_same = other == own;
+            if is_same || [other[1], other[0]] == own {
+                let (corner, there) = ((start(face) + own_slot) as u32, (start(first) + slot) as u32);
+                let opposite_winding = is_same != is_same_place;
+                return Some([
+                    Match { corner, from: face, to: first, opposite_winding },
+                    Match { corner: there, from: first, to: face, opposite_winding },
+                ]);
+            }
         }
     }
     None
@@ -248,18 +246,24 @@ fn link(mesh: &Mesh, face: usize, first: usize) -> Option<[Match; 2]> {
 /// An open half-edge with the hash of its two end positions; the hash's last bit is its direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-struct OpenHalfEdge {
+pub(super) struct OpenHalfEdge {
     hash: [u32; 3],
     corner: u32,
 }
 
 impl OpenHalfEdge {
-    fn edge(&self) -> [u32; 3] {
+    /// The hash of the edge, in either direction.
+    pub fn edge(&self) -> [u32; 3] {
         [self.hash[0], self.hash[1], self.hash[2] | 1]
     }
 
+    /// Its direction.
+    pub fn ascending(&self) -> bool {
+        self.hash[2] & 1 != 0
+    }
+
     fn side(&self) -> FaceSide {
-        FaceSide { corner: self.corner, ascending: self.hash[2] & 1 != 0 }
+        FaceSide { corner: self.corner, ascending: self.ascending() }
     }
 }
 
@@ -306,7 +310,7 @@ fn weld(
                 if same.len() > 1 {
                     welded.fetch_add(same.len() as u64, Relaxed);
                     nonmanifold.count_welded(mesh, same.iter().map(|open| open.corner));
-                    chain(mesh, same.iter().map(OpenHalfEdge::side), |a, b| a != b, |pair| out.push(pair))?;
+                    link_sides(mesh, same.iter().map(OpenHalfEdge::side), |pair| out.push(pair))?;
                 }
             }
             Ok(())
@@ -318,7 +322,7 @@ fn weld(
 
 /// The hash of a half-edge's ends, independent of direction; `None` if a coordinate is not finite or both ends
 /// coincide.
-fn keyed_by_position(mesh: &Mesh, corner: u32) -> Option<OpenHalfEdge> {
+pub(super) fn keyed_by_position(mesh: &Mesh, corner: u32) -> Option<OpenHalfEdge> {
     let face = mesh.faces.face_of_corner(corner as usize);
     let slot = corner as usize - mesh.faces.corner_range(face).start;
     let (a, b) = mesh.faces.with(face, |corners| (corners[slot], corners[(slot + 1) % corners.len()]));
@@ -345,8 +349,8 @@ mod tests {
     /// Corner, face, and whether it ascends.
     type Side = (u32, usize, bool);
 
-    /// All pairs of `mesh`, matched edge by edge from one map: an edge's half-edges in the order of their corners, each
-    /// with the next; with boundary and non-manifold edges. Positions are all different, so nothing is welded.
+    /// All pairs of `mesh`, matched edge by edge from one map, with boundary and non-manifold edges. Positions are all
+    /// different, so nothing is welded.
     fn oracle(mesh: &Mesh) -> (Vec<(u32, u32)>, u64, u64) {
         let mut edges: BTreeMap<(u32, u32), Vec<Side>> = BTreeMap::new();
         half_edge_sort::for_each(mesh, 0..mesh.faces.len(), |h| {
@@ -355,11 +359,12 @@ mod tests {
         });
         let mut pairs = Vec::new();
         for sides in edges.values() {
-            for two in sides.windows(2).filter(|two| two[0].1 != two[1].1) {
-                for (side, other) in [(two[0], two[1]), (two[1], two[0])] {
-                    pairs.push((side.0, other.1 as u32 | if side.2 == other.2 { OPPOSITE_WINDING } else { 0 }));
-                }
-            }
+            let side = |&(corner, _, ascending): &Side| FaceSide { corner, ascending };
+            let push = |Match { corner, to, opposite_winding, .. }: Match| {
+                pairs.push((corner, to as u32 | if opposite_winding { OPPOSITE_WINDING } else { 0 }));
+                Ok(())
+            };
+            link_sides(mesh, sides.iter().map(side), push).unwrap();
         }
         pairs.sort_unstable();
         let of = |count: fn(usize) -> bool| edges.values().filter(|sides| count(sides.len())).count() as u64;

@@ -2,10 +2,10 @@
 //!
 //! Built out of core in three shuffles and a few sequential passes ([`DualGraph::build`]): node geometry ([`nodes`]),
 //! half-edges matched by vertex or by position ([`half_edges`], [`half_edge_pairs`]), faces that occur twice set aside
-//! (`duplicates`), edges assembled in node order ([`dual_edges`]), components found ([`components`]) and joined
-//! ([`bridges`]), winding made consistent ([`orient`]), and weights ([`weights`]) as a pure function of the undirected
-//! edge. If the file scatters neighbours, [`order`] sorts faces beforehand. Correspondence uses the [`vertex_graph`]
-//! instead.
+//! (`duplicates`, `flaps`), edges assembled in node order ([`dual_edges`]), components found ([`components`]) and
+//! joined ([`bridges`]), winding made consistent ([`orient`]), and weights ([`weights`]) as a pure function of the
+//! undirected edge. If the file scatters neighbours, [`order`] sorts faces beforehand. Correspondence uses the
+//! [`vertex_graph`] instead.
 
 pub mod angle;
 mod assemble_in_memory;
@@ -16,7 +16,9 @@ pub mod csr;
 pub mod dual;
 pub mod dual_edges;
 mod duplicates;
+mod edge_links;
 mod face_rows;
+mod flaps;
 pub mod frame;
 mod half_edge_block;
 pub mod half_edge_pairs;

@@ -121,12 +121,6 @@ impl<'a> NodeBlocks<'a> {
         block * self.size..((block + 1) * self.size).min(self.nodes)
     }
 
-    /// The block of a node.
-    #[inline]
-    pub fn of_node(&self, node: usize) -> usize {
-        node / self.size
-    }
-
     /// The vertices shared by several blocks; `None` if there is only one block.
     pub fn shared(&self) -> Option<SharedVertices<'_>> {
         self.block_of.as_ref().map(|of| SharedVertices(of))

@@ -449,7 +449,9 @@ mod tests {
         let [kept, computed] = [DualGraph::build, DualGraph::build_computed];
         let kept = kept(mesh, name.as_ref(), &Value::Null, Context::new(&works[0], &run)).unwrap();
         let computed = computed(mesh, name.as_ref(), &Value::Null, Context::new(&works[1], &run)).unwrap();
-        assert!(computed.nodes.is_computed() && !kept.nodes.is_computed());
+        // Links of duplicates do not follow from two faces alone.
+        let has_duplicates = kept.facts.duplicate_faces > 0;
+        assert!(computed.nodes.is_computed() != has_duplicates && !kept.nodes.is_computed());
         assert_eq!(computed.facts, kept.facts, "{name}");
         let bits = |numbers: &[f32]| numbers.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
         let mut held = Vec::new();

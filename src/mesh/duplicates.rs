@@ -17,8 +17,8 @@ const LONG: usize = 32;
 pub(crate) type Place = [u32; 3];
 
 impl Mesh {
-    /// The same mesh, `count` faces of which are known as duplicates: `of` (n) has 1 + the face that each duplicates, 0
-    /// for all others.
+    /// The same mesh, `count` faces of which are known as duplicates: `of` (n) has 1 + the face that each duplicates or
+    /// hangs on, 0 for all others.
     pub(crate) fn with_duplicates(mut self, of: MappedSlice<u32>, count: u64) -> Self {
         self.duplicates = Some((of, count));
         self
@@ -38,6 +38,16 @@ impl Mesh {
     #[inline]
     pub(crate) fn is_duplicate(&self, face: usize) -> bool {
         self.duplicates.as_ref().is_some_and(|(of, _)| of[face] != 0)
+    }
+
+    /// Whether the faces `a` and `b`, which lie in the same place, have the same winding.
+    pub(crate) fn have_same_winding(&self, a: u32, b: u32) -> bool {
+        let corner = |face: u32, slot: usize| {
+            self.faces.with(face as usize, |corners| self.positions.get(corners[slot % corners.len()]))
+        };
+        let count = self.faces.corner_range(b as usize).len();
+        let (start, next) = (corner(a, 0), corner(a, 1));
+        (0..count).any(|slot| corner(b, slot) == start && corner(b, slot + 1) == next)
     }
 
     /// The place of face `face`: the same for all faces with corners at the same positions. `None` if two corners

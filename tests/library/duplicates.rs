@@ -178,7 +178,7 @@ fn faces_in_a_contact_of_two_bodies_are_no_duplicates() {
     let (_, alone) = blocks(&[([2, 2, 8], [4, 4, 4])]);
     let mesh = Mesh::from_vecs(touching.0.clone(), touching.1.clone()).unwrap();
     let found = Segmenter::new().parts(2).run(&mesh).unwrap();
-    assert_eq!(found.report().input.duplicate_faces, 0);
+    assert_eq!((found.report().input.duplicate_faces, found.report().input.components), (0, 2));
     // Two cubes of the same size, each with vertices of its own.
     let (mut points, mut faces) = blocks(&[([0, 0, 0], [4, 4, 4])]);
     let other: Vec<_> = faces.iter().map(|face| face.map(|v| v + points.len() as u32)).collect();
@@ -205,6 +205,64 @@ fn faces_in_a_contact_of_two_bodies_are_no_duplicates() {
     let mesh = Mesh::from_vecs(points, with_sheet).unwrap();
     let found = Segmenter::new().parts(2).run(&mesh).unwrap();
     assert_eq!(found.report().input.duplicate_faces, count);
+}
+
+/// `mesh` with a flap on every `step`-th face: two triangles back to back, closed in themselves, on two edges of the
+/// surface, as decimation leaves them. And how many there are.
+fn with_flaps((points, faces): &Arrays, step: usize) -> (Mesh, usize) {
+    let mut opposite = std::collections::HashMap::new();
+    for &[a, b, c] in faces {
+        [(a, b, c), (b, c, a), (c, a, b)].iter().for_each(|&(from, to, third)| _ = opposite.insert((from, to), third));
+    }
+    let mut all = faces.clone();
+    for &[a, b, c] in faces.iter().step_by(step) {
+        let d = opposite[&(c, b)];
+        all.extend([[a, b, d], [d, b, a]]);
+    }
+    let count = all.len() - faces.len();
+    (Mesh::from_vecs(points.clone(), all).unwrap(), count)
+}
+
+/// Regression: a dragon of 48,000 faces, 2,500 of them in such flaps, had 4 to 6 parts instead of 13 to 14: chains of
+/// faces at the flaps' edges tore the surface below.
+#[test]
+fn the_parts_of_a_surface_with_flaps_are_those_of_the_surface() {
+    let once = common::arrays(&Mesh::creature(20_000).unwrap());
+    let n = once.1.len();
+    let expected = Segmenter::new().run(&Mesh::from_vecs(once.0.clone(), once.1.clone()).unwrap()).unwrap();
+    let (mesh, count) = with_flaps(&once, 12);
+    let mut first: Option<Vec<u32>> = None;
+    for memory in [1 << 30, 8 << 20] {
+        let found = Segmenter::new().memory(memory).run(&mesh).unwrap();
+        let input = &found.report().input;
+        let counts = [input.duplicate_faces, input.components, input.boundary_edges, input.flipped_faces];
+        assert_eq!(counts, [count as u64, 1, 0, 0]);
+        assert_eq!((input.nonmanifold_edges > count as u64 / 2, input.unoriented_edges), (true, 0));
+        assert_eq!(found.parts(), expected.parts());
+        let apart = rand(&contingency(&found.labels()[..n], expected.labels(), None).unwrap());
+        assert!(apart < 0.02, "{apart}");
+        assert!(*first.get_or_insert_with(|| found.labels().to_vec()) == found.labels(), "{memory}");
+    }
+}
+
+/// Where materials meet at an edge, each is a body of its own.
+#[test]
+fn three_bodies_around_an_edge_stay_apart() {
+    let all = [([0, 0, 0], [4, 4, 4]), ([4, 0, 0], [4, 4, 4]), ([0, 4, 0], [8, 4, 4])];
+    let (points, faces) = blocks(&all);
+    for turn in 0..5 {
+        let mut faces = faces.clone();
+        faces.sort_by_key(|face| face.iter().map(|&v| u64::from(v) * 7919 % (31 + turn)).sum::<u64>());
+        let mesh = Mesh::from_vecs(points.clone(), faces).unwrap();
+        let dir = common::in_memory();
+        let (work, run) = (WorkDir::temporary(dir.path()).unwrap(), Run::new(&()));
+        let graph = DualGraph::build(&mesh, "mesh".as_ref(), &"mesh".into(), Context::new(&work, &run)).unwrap();
+        let facts = &graph.facts;
+        assert_eq!(
+            [facts.components, facts.duplicate_faces, facts.unoriented_edges, facts.flipped_faces],
+            [3, 0, 0, 0]
+        );
+    }
 }
 
 #[test]

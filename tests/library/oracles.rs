@@ -384,9 +384,82 @@ fn faces_of(mesh: &Mesh) -> Vec<Vec<u32>> {
 /// The ends of an edge.
 type Ends = [[f64; 3]; 2];
 
-/// Pairs of neighbouring faces with the edges between them, by the rules in words: faces along one edge are a chain in the
-/// order of the file; an edge with one face joins others at exactly its position. A duplicate has one edge only, to the
-/// face that it duplicates.
+/// The links among the faces of an edge that lie in the same places with opposite windings, each at an angle: of each
+/// sector that is bounded from inside, from the face that opens it to the one that closes it. `None` without such faces.
+fn sectors(sides: &[(u32, Ends)], faces: &[Vec<u32>], mesh: &Mesh) -> Option<Vec<[usize; 2]>> {
+    let place = |face: u32| {
+        let corners = &faces[face as usize];
+        let at: BTreeSet<_> = corners.iter().map(|&v| mesh.positions.get(v).map(|x| (x + 0.).to_bits())).collect();
+        let is_finite = at.iter().flatten().all(|x| f64::from_bits(*x).is_finite());
+        (is_finite && at.len() == corners.len()).then_some(at)
+    };
+    let opposite = |a: &(u32, Ends), b: &(u32, Ends)| place(a.0).is_some() && place(a.0) == place(b.0) && a.1 != b.1;
+    if !sides.iter().any(|a| sides.iter().any(|b| opposite(a, b))) {
+        return None;
+    }
+    let [low, high] = sides[0].1;
+    let axis = minus(high, low);
+    let third = |side: &(u32, Ends)| {
+        let at: Vec<_> = faces[side.0 as usize].iter().map(|&v| mesh.positions.get(v)).collect();
+        let is_edge = |&k: &usize| [at[k], at[(k + 1) % at.len()]] == side.1;
+        let slot = (0..at.len()).find(is_edge).unwrap_or(0);
+        minus(at[(slot + 2) % at.len()], low)
+    };
+    let thirds: Vec<_> = sides.iter().map(third).collect();
+    if !thirds.iter().all(|out| length(cross(axis, *out)) > 0.) {
+        return None;
+    }
+    let right = cross(cross(axis, thirds[0]), axis);
+    let up = cross(axis, right);
+    let scale = length(right) / length(up);
+    let angle = |k: usize| (scale * dot(thirds[k], up)).atan2(dot(thirds[k], right)).rem_euclid(std::f64::consts::TAU);
+    let closes = |k: usize| sides[k].1 == sides[0].1;
+    let mut order: Vec<usize> = (0..sides.len()).collect();
+    order.sort_by(|&a, &b| {
+        let near = (angle(a) - angle(b)).abs() < 1e-9;
+        let by_angle = if near { std::cmp::Ordering::Equal } else { angle(a).total_cmp(&angle(b)) };
+        by_angle.then(closes(b).cmp(&closes(a))).then(a.cmp(&b))
+    });
+    let mut found = Vec::new();
+    for first in (0..order.len()).filter(|&i| !closes(order[i])) {
+        let mut depth = 0;
+        for step in 0..order.len() {
+            let k = order[(first + step) % order.len()];
+            depth += if closes(k) { -1 } else { 1 };
+            if depth == 0 {
+                found.push([order[first], k]);
+                break;
+            }
+        }
+    }
+    Some(found)
+}
+
+/// The links among the `sides` of an edge, in the order of the file: see `sectors`, or a chain whose directions alternate,
+/// and those left over.
+fn links(sides: &[(u32, Ends)], faces: &[Vec<u32>], mesh: &Mesh) -> Vec<[usize; 2]> {
+    let (ahead, back): (Vec<usize>, Vec<usize>) = (0..sides.len()).partition(|&k| sides[k].1 == sides[0].1);
+    let (more, fewer) = if back.len() > ahead.len() { (&back, &ahead) } else { (&ahead, &back) };
+    let mut links = sectors(sides, faces, mesh).unwrap_or_else(|| {
+        let chain = more.iter().zip(fewer).flat_map(|(a, b)| [*a, *b]).chain(more.get(fewer.len()).copied());
+        chain.collect::<Vec<_>>().windows(2).map(|two| [two[0], two[1]]).collect()
+    });
+    let is_free = |k: &usize| !links.iter().flatten().any(|of| of == k);
+    let rest: Vec<usize> = (0..sides.len()).filter(is_free).collect();
+    let others = if rest.first().is_some_and(|k| more.contains(k)) { fewer } else { more };
+    for (k, &one) in rest.iter().enumerate() {
+        if k < 4 * others.len() {
+            links.push([one, others[k % others.len()]]);
+        } else if k > 0 {
+            links.push([rest[k - 1], one]);
+        }
+    }
+    links
+}
+
+/// Pairs of neighbouring faces with the edges between them, by the rules in words: faces along one edge are linked as
+/// `links` has it; an edge with one face joins others at exactly its position. A duplicate has one edge only, to the
+/// face that it duplicates or hangs on.
 fn neighbours(Built { mesh, graph, .. }: &Built) -> BTreeMap<(u32, u32), Vec<Ends>> {
     let faces = faces_of(mesh);
     let first = |face: usize| graph.duplicates.as_ref().and_then(|of| of[face].checked_sub(1));
@@ -419,14 +492,18 @@ fn neighbours(Built { mesh, graph, .. }: &Built) -> BTreeMap<(u32, u32), Vec<End
     for (face, corners) in faces.iter().enumerate() {
         let sorted = |face: &[u32]| BTreeSet::from_iter(face.iter().map(|&v| mesh.positions.get(v).map(f64::to_bits)));
         if let Some(first) = first(face) {
-            assert_eq!(sorted(corners), sorted(&faces[first as usize]));
-            pairs.entry((first, face as u32)).or_default().push([0, 1].map(|k| mesh.positions.get(corners[k])));
+            let common: Vec<_> = corners.iter().filter(|&&v| faces[first as usize].contains(&v)).collect();
+            assert!(sorted(corners) == sorted(&faces[first as usize]) || common.len() == 2);
+            let ends = if common.len() == 2 { [*common[0], *common[1]] } else { [corners[0], corners[1]] };
+            let pair = (first.min(face as u32), first.max(face as u32));
+            pairs.entry(pair).or_default().push(ends.map(|v| mesh.positions.get(v)));
         }
     }
     for mut run in runs {
         run.sort_by_key(|side| side.0);
-        for pair in run.windows(2).filter(|w| w[0].0 != w[1].0) {
-            pairs.entry((pair[0].0, pair[1].0)).or_default().push(pair[0].1);
+        for [a, b] in links(&run, &faces, mesh).into_iter().map(|pair| pair.map(|k| run[k])).filter(|[a, b]| a.0 != b.0)
+        {
+            pairs.entry((a.0.min(b.0), a.0.max(b.0))).or_default().push(if a.0 < b.0 { a.1 } else { b.1 });
         }
     }
     pairs

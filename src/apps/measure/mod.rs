@@ -403,9 +403,13 @@ mod tests {
         let place = |v: u32| points.iter().position(|p| *p == points[v as usize]).unwrap() as u32;
         let others = two.1.iter().map(|face| face.map(|v| place(v + 8)));
         let touching: Vec<[u32; 3]> = one.1.iter().copied().chain(others).collect();
-        // The first box with its top twice: the edges of the top have three faces.
-        let mut lidded = one.1;
+        let points = [&points[..], &[[0.5, 0.5, 2.]]].concat();
+        // The first box with its top twice: the edges of the top have three faces, and one top is a duplicate.
+        let mut lidded = one.1.clone();
         lidded.extend([[4, 5, 7], [4, 7, 6]]);
+        // With another top above it, they have three faces in different places.
+        let mut roofed = one.1;
+        roofed.extend([[4, 5, 16], [5, 7, 16], [7, 6, 16], [6, 4, 16]]);
         for turn in 0..touching.len() {
             let volume = |faces: &[[u32; 3]]| {
                 let mut faces = faces.to_vec();
@@ -415,7 +419,8 @@ mod tests {
                 with(|context| mesh(&Mesh::from_slices(&points, &faces).unwrap(), context)).unwrap().all.volume
             };
             assert!((volume(&touching).unwrap() - 2.).abs() < 1e-9, "{turn}");
-            assert_eq!(volume(&lidded), None, "{turn}");
+            assert!((volume(&lidded).unwrap() - 1.).abs() < 1e-9, "{turn}");
+            assert_eq!(volume(&roofed), None, "{turn}");
         }
     }
 
