@@ -11,7 +11,8 @@
 //! linked. Only what is left over is chained. A flap that hangs on a surface is closed in itself, and the surface below
 //! it is linked as if it were not there; a flap inside becomes a slit ([`super::flaps`] removes both).
 //!
-//! Cost: nothing but the two links at an edge of two faces; a hash and a sort per face at others.
+//! Cost: nothing but the two links at an edge of two faces; a hash and a sort per face at others. Memory: 16 bytes per
+//! face of the edge.
 
 use crate::base::Result;
 use crate::base::vector::{cross, dot, minus};
@@ -20,6 +21,8 @@ use crate::mesh::duplicates::Place;
 
 /// Most faces left over that are linked to the same one.
 const MOST_ON_ONE: usize = 4;
+/// Most faces around an edge that are sorted by angle: more are no surface, and would take memory.
+const MOST_SORTED: usize = 1 << 12;
 
 /// A face's side of an edge: the corner where it starts, and its direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,34 +73,40 @@ fn link(mesh: &Mesh, a: FaceSide, b: FaceSide, join: &mut impl FnMut(Match) -> R
 
 #[cold]
 fn link_several(mesh: &Mesh, sides: Vec<FaceSide>, join: &mut impl FnMut(Match) -> Result<()>) -> Result<()> {
-    let (linked, mut rest) = match around(mesh, &sides) {
-        Some(order) => sectors_of(&order),
-        None => alternating(&sides),
-    };
-    linked.iter().try_for_each(|[a, b]| link(mesh, *a, *b, join))?;
-    // All of one direction. Linked to one of the other each, but to none more than a few.
-    rest.sort_unstable_by_key(|side| side.corner);
-    let is_other = |side: &&FaceSide| rest.first().is_some_and(|first| first.ascending != side.ascending);
-    let others: Vec<&FaceSide> = sides.iter().filter(is_other).collect();
-    let near = rest.len().min(MOST_ON_ONE * others.len());
-    rest[..near].iter().zip(others.iter().cycle()).try_for_each(|(a, b)| link(mesh, *a, **b, join))?;
-    rest[near.saturating_sub(1)..].windows(2).try_for_each(|two| link(mesh, two[0], two[1], join))
-}
-
-/// The links of a chain of `sides` in which directions alternate, and those of the more frequent direction that are
-/// left over.
-fn alternating(sides: &[FaceSide]) -> (Vec<[FaceSide; 2]>, Vec<FaceSide>) {
+    let order = if sides.len() <= MOST_SORTED { around(mesh, &sides) } else { None };
+    if let Some(order) = order {
+        let (sectors, mut rest) = sectors_of(&order);
+        sectors.iter().try_for_each(|[a, b]| link(mesh, *a, *b, join))?;
+        rest.sort_unstable_by_key(|side| side.corner);
+        let is_other = |side: &FaceSide| rest.first().is_some_and(|first| first.ascending != side.ascending);
+        let others: Vec<FaceSide> = sides.into_iter().filter(is_other).collect();
+        return link_rest(mesh, &rest, &others, join);
+    }
+    let direction = sides[0].ascending;
     let (mut more, mut fewer): (Vec<FaceSide>, Vec<FaceSide>) =
-        sides.iter().partition(|side| side.ascending == sides[0].ascending);
+        sides.into_iter().partition(|side| side.ascending == direction);
     if fewer.len() > more.len() {
         std::mem::swap(&mut more, &mut fewer);
     }
-    let (chained, rest) = more.split_at(more.len().min(fewer.len() + 1));
-    let forth = chained.iter().zip(&fewer).map(|(a, b)| [*a, *b]);
-    let back = fewer.iter().zip(chained.iter().skip(1)).map(|(a, b)| [*a, *b]);
-    let links = forth.chain(back).collect();
     // If there is but one direction, the chain begins with its first side.
-    if fewer.is_empty() { (links, more) } else { (links, rest.to_vec()) }
+    let chained = if fewer.is_empty() { 0 } else { more.len().min(fewer.len() + 1) };
+    let (chained, rest) = more.split_at(chained);
+    chained.iter().zip(&fewer).try_for_each(|(a, b)| link(mesh, *a, *b, join))?;
+    fewer.iter().zip(chained.iter().skip(1)).try_for_each(|(a, b)| link(mesh, *a, *b, join))?;
+    link_rest(mesh, rest, &fewer, join)
+}
+
+/// Links the sides of one direction that are left over to `others`, those of the other, but to none more than a few; and
+/// further ones to each other.
+fn link_rest(
+    mesh: &Mesh,
+    rest: &[FaceSide],
+    others: &[FaceSide],
+    join: &mut impl FnMut(Match) -> Result<()>,
+) -> Result<()> {
+    let near = rest.len().min(MOST_ON_ONE * others.len());
+    rest[..near].iter().zip(others.iter().cycle()).try_for_each(|(a, b)| link(mesh, *a, *b, join))?;
+    rest[near.saturating_sub(1)..].windows(2).try_for_each(|two| link(mesh, two[0], two[1], join))
 }
 
 /// `sides` by their angle around the edge; of those at the same angle, ascending ones first. `None` unless two faces
