@@ -6,7 +6,7 @@ use super::errors::of_file;
 use super::input::{check_there, open_file};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs, misfit};
 use super::output::{JsonArgs, check_extensions, check_picture};
-use super::sink::{check_places, folder_of};
+use super::sink::check_places;
 use clap::ValueEnum;
 use nystrom_stream::apps::correspond::carry::{Colours, Property};
 use nystrom_stream::apps::correspond::show::side_by_side;
@@ -22,7 +22,7 @@ use nystrom_stream::pipeline::correspond::{
     CorrespondParams, Correspondence, Guidance, correspond_guided, default_landmarks_for_vertices,
 };
 use nystrom_stream::spectral::nystrom::OrthogonalParams;
-use nystrom_stream::store::{Context, Run, WorkDir, npy};
+use nystrom_stream::store::{Context, Run, WorkDir, folder_of, npy};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -212,7 +212,7 @@ pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
     args.picture.as_ref().map_or(Ok(()), |_| check_picture(&pictured(), &run.budget))?;
-    let beside = || args.outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path));
+    let beside = || args.outputs().next().map_or_else(std::env::temp_dir, |path| folder_of(path).to_path_buf());
     let work = args.scratch.work(args.work_dir.as_deref(), beside, &run)?;
     let mut inputs = None;
     if args.work_dir.is_some() {

@@ -2,7 +2,7 @@
 
 use super::choices::choice;
 use super::options::CliError;
-use super::sink::{Sink, check_is_no_stream, folder_of, print};
+use super::sink::{Sink, check_is_no_stream, print};
 use nystrom_stream::SaveOptions;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::apps::export::split::{self, PartForm};
@@ -11,8 +11,8 @@ use nystrom_stream::base::printable::{counted, human, noun};
 use nystrom_stream::base::{Error, Result, RunLog, printable};
 use nystrom_stream::mesh::ply::labelled::PlyForm;
 use nystrom_stream::mesh::{Document, Mesh, ends_with};
-use nystrom_stream::store::Budget;
 use nystrom_stream::store::json::pretty;
+use nystrom_stream::store::{Budget, folder_of};
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::ffi::{OsStr, OsString};
@@ -301,7 +301,7 @@ pub fn outputs_of(paths: &[PathBuf]) -> Result<Vec<Output>, CliError> {
 
 /// The default folder for scratch files: beside the first file among `outputs`, or the system's temporary folder.
 pub fn scratch_folder(outputs: &[Output]) -> PathBuf {
-    outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, folder_of)
+    outputs.iter().find_map(Output::path).map_or_else(std::env::temp_dir, |path| folder_of(path).to_path_buf())
 }
 
 /// Rejects `files`, both inputs and outputs, that a folder of parts among `outputs` would overwrite, or that would

@@ -3,12 +3,12 @@
 use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, ResourceArgs, ScratchArgs, ShownArgs};
 use super::output::{Output, check_extensions};
-use super::sink::{check_is_no_stream, check_places, folder_of};
+use super::sink::{check_is_no_stream, check_places};
 use nystrom_stream::apps::labelled_faces::LabelledFaces;
 use nystrom_stream::apps::picture::{PictureParams, Up, render_named, undrawn};
 use nystrom_stream::base::Result;
 use nystrom_stream::mesh::{Mesh, ends_with};
-use nystrom_stream::store::{Context, WorkDir};
+use nystrom_stream::store::{Context, WorkDir, folder_of};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `picture`.
@@ -101,7 +101,7 @@ pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.shown.bars();
     let run = args.resources.run(&bars, app);
     params.check_budget(&run.budget)?;
-    let work = WorkDir::temporary(args.scratch.tmp.as_deref().unwrap_or(&folder_of(&target)))?;
+    let work = WorkDir::temporary(args.scratch.tmp.as_deref().unwrap_or(folder_of(&target)))?;
     let (opened, _) = read(&args.mesh, ForceArgs::default(), Context::new(&work, &run))?;
     let faces = opened.faces.len();
     let mut labelled = labelled(&opened, args.labels.as_deref(), Context::new(&work, &run))?;

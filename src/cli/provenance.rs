@@ -10,13 +10,12 @@
 //! Cost: a mesh is read once more for its hash, after it was cut, and again only if its times differ.
 
 use super::output::Output;
-use super::sink::folder_of;
 use nystrom_stream::apps::export::Form;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::pipeline::input;
 use nystrom_stream::pipeline::labels::LABELS_VERSION;
 use nystrom_stream::store::manifest::checksum_of;
-use nystrom_stream::store::{create_locked, json};
+use nystrom_stream::store::{create_locked, folder_of, json};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -102,7 +101,7 @@ impl Provenance {
         let unchanged = input::identity(&self.mesh).is_ok_and(|identity| identity == self.identity);
         if let (Some(path), Some(mut record)) = (output.path().and_then(place), self.record(output))
             && unchanged
-            && std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).is_ok()
+            && std::fs::create_dir_all(folder_of(&path)).is_ok()
         {
             (record["mesh"], record["whole"]) = (self.identity["changed"].clone(), whole.clone());
             // The folder may belong to somebody else, or not support such long names.

@@ -4,14 +4,14 @@ use super::choices::choice;
 use super::input::{check_there, read};
 use super::options::{AppContext, CliError, ForceArgs, RunArgs, ScratchArgs};
 use super::output::{JsonArgs, Output, check_picture};
-use super::sink::{check_is_no_stream, check_places, folder_of, print};
+use super::sink::{check_is_no_stream, check_places, print};
 use nystrom_stream::apps::picture::{NO_PICTURE, PictureParams, render_named};
 use nystrom_stream::apps::sequence::{ComparedOrder, SequenceOrder, gradient, table};
 use nystrom_stream::mesh::Mesh;
 use nystrom_stream::mesh::ply::labelled::PlyForm;
 use nystrom_stream::mesh::ply::rearranged::{self, Rearrangement};
 use nystrom_stream::pipeline::sequence::{Sequence, SequenceParams, Sequencer};
-use nystrom_stream::store::{Context, npy};
+use nystrom_stream::store::{Context, folder_of, npy};
 use serde_json::json;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -136,7 +136,7 @@ pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
         check_picture(&PictureParams::default(), &run.budget)?;
     }
     let folder = |target: &Target| match target {
-        Target::Ply(path) | Target::Npy(path) | Target::Png(path) => Some(folder_of(path)),
+        Target::Ply(path) | Target::Npy(path) | Target::Png(path) => Some(folder_of(path).to_path_buf()),
         Target::Stdout => None,
     };
     let beside = || targets.iter().find_map(folder).unwrap_or_else(std::env::temp_dir);

@@ -8,7 +8,7 @@ use nystrom_stream::apps::export::obj::{has_texture, material_file, material_lib
 use nystrom_stream::base::parallel::lock;
 use nystrom_stream::base::{Error, Result};
 use nystrom_stream::mesh::ends_with;
-use nystrom_stream::store::{json, partial_name};
+use nystrom_stream::store::{folder_of, json, partial_name};
 use serde::de::IgnoredAny;
 use std::cell::LazyCell;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
@@ -298,13 +298,5 @@ pub fn sync_names() {
 /// system's temporary folder if that is not writable, as in an archive.
 pub fn scratch_beside(path: &Path) -> PathBuf {
     let folder = folder_of(path);
-    if tempfile::tempfile_in(&folder).is_ok() { folder } else { std::env::temp_dir() }
-}
-
-/// The folder that holds `path`.
-pub fn folder_of(path: &Path) -> PathBuf {
-    match path.parent() {
-        Some(parent) if parent != Path::new("") => parent.to_path_buf(),
-        _ => PathBuf::from("."),
-    }
+    if tempfile::tempfile_in(folder).is_ok() { folder.to_path_buf() } else { std::env::temp_dir() }
 }

@@ -32,7 +32,7 @@ pub mod workdir;
 pub use budget::Budget;
 pub use folder::{PrivateFolder, private as private_folder};
 pub use mapped::{MappedBytes, MappedSlice, MappedSliceMut};
-pub use new_file::{create as create_locked, partial_name};
+pub use new_file::{create as create_locked, folder_of, partial_name};
 pub use run::{Context, Run};
 pub use scratch_array::ScratchArray;
 pub use stage::Stage;

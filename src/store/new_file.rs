@@ -73,6 +73,11 @@ pub fn partial_name(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
+/// The folder that holds `path`: `.` for a name alone.
+pub fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// Creates the temporary file of `path` ([`partial_name`]), with `bytes` reserved on the disk.
 ///
 /// # Errors

@@ -2,7 +2,7 @@
 //!
 //! The adjacency graph of the faces, which neighbours and volumes need, is kept in memory or beside the file meanwhile.
 
-use super::scratch_beside;
+use super::work_beside;
 use crate::apps::measure;
 use crate::base::Result;
 use crate::mesh::{Labelling, Mesh};
@@ -25,5 +25,5 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, agreement: &[f64],
 /// Those of `measure`.
 pub fn measured<R>(path: &Path, run: &Run, measure: impl FnOnce(Context<'_>) -> Result<R>) -> Result<R> {
     let silent = Run { threads: run.threads, budget: run.budget.clone(), cancel: run.cancel.clone(), ..Run::new(&()) };
-    measure(Context::new(&scratch_beside(path, &silent), &silent))
+    measure(Context::new(&work_beside(path, &silent), &silent))
 }

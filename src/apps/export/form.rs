@@ -94,7 +94,7 @@ impl Form {
             #[cfg(feature = "pictures")]
             Self::Png => {
                 let params = crate::apps::picture::PictureParams::default();
-                let work = super::scratch_beside(path, run);
+                let work = super::work_beside(path, run);
                 let context = crate::store::Context::new(&work, run);
                 let (labels, marks) = (Some(labelling.labels), (labelling.colours, labelling.names));
                 crate::apps::picture::render_named(there()?, labels, marks, &params, context)

@@ -10,7 +10,7 @@
 //! a file where memory is short.
 
 use super::by_part::{PartFaces, each_part};
-use super::{CHUNK, parts, scratch_beside};
+use super::{CHUNK, parts, work_beside};
 use crate::apps::vertex_sums::VertexSums;
 use crate::base::vector::{MapEach, area};
 use crate::base::{Error, Result};
@@ -61,7 +61,7 @@ const VERTICES: usize = 1 << 14;
 /// [`Error::Cancelled`].
 pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Result<()> {
     let parts = parts(mesh, labelling)?;
-    let work = scratch_beside(path, run);
+    let work = work_beside(path, run);
     let mut scene = Scene::of(mesh, labelling, parts, run)?;
     if scene.is_tiny {
         let problem = "would have only zero coordinates: the mesh is too small for 32-bit floats";

@@ -19,7 +19,7 @@ pub use form::{Form, SaveOptions};
 
 use crate::base::{Error, Result};
 use crate::mesh::{Labelling, Mesh};
-use crate::store::{Run, WorkDir};
+use crate::store::{Run, WorkDir, folder_of};
 use std::path::Path;
 
 /// Faces between two checks of the stop flag.
@@ -29,9 +29,8 @@ const CHUNK: usize = 1 << 16;
 const PARTS: usize = 1 << 16;
 
 /// A temporary work directory for arrays that do not fit in memory, in the folder of the output `path`.
-fn scratch_beside(path: &Path, run: &Run) -> WorkDir {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    WorkDir::in_memory(folder, &run.budget)
+fn work_beside(path: &Path, run: &Run) -> WorkDir {
+    WorkDir::in_memory(folder_of(path), &run.budget)
 }
 
 /// The number of parts: one per colour, or according to the labels; rejects labels that do not match the faces.

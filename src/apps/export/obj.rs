@@ -9,7 +9,7 @@
 
 use super::by_part::{PartFaces, each_part};
 use super::split::plain_name;
-use super::{CHUNK, parts, scratch_beside};
+use super::{CHUNK, parts, work_beside};
 use crate::base::{Error, Result};
 use crate::mesh::import::{self, statements};
 use crate::mesh::output::{Gather, publish};
@@ -17,7 +17,7 @@ use crate::mesh::ply::labelled::colour_of;
 use crate::mesh::ply::{Encoder, Encoding, Scalar};
 use crate::mesh::{Labelling, Mesh};
 use crate::store::npy::ArrayMut;
-use crate::store::{MappedBytes, MappedSlice, Run, WorkDir};
+use crate::store::{MappedBytes, MappedSlice, Run, WorkDir, folder_of};
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::io::{Read as _, Write as _};
@@ -173,7 +173,7 @@ pub fn write(path: &Path, mesh: &Mesh, labelling: &Labelling, run: &Run) -> Resu
         Ok(bytes) if import::name(mesh.path(), &bytes) == "OBJ" => Some(bytes),
         _ => None,
     };
-    let work = scratch_beside(path, run);
+    let work = work_beside(path, run);
     let source = bytes.as_ref().map(|bytes| Source::of(bytes, n, &work, run)).transpose()?.flatten();
     let own = source.as_ref().is_none_or(|source| !source.has_materials);
     let materials = material_file(path)?;
@@ -232,16 +232,12 @@ fn content(path: &Path) -> Option<MappedBytes> {
     path.is_file().then(|| MappedBytes::open(path).ok()).flatten()
 }
 
-fn folder(path: &Path) -> &Path {
-    path.parent().unwrap_or(Path::new(""))
-}
-
 /// The material libraries that the OBJ file `path` names, in one pass over its text; none if it is no OBJ, or
 /// compressed.
 pub fn material_libraries(path: &Path) -> BTreeSet<PathBuf> {
     let Some(bytes) = content(path).filter(|bytes| import::name(path, bytes) == "OBJ") else { return BTreeSet::new() };
     let lines = statements(&bytes).filter(|(keyword, _)| *keyword == b"mtllib");
-    lines.flat_map(|(keyword, text)| libraries(&text[keyword.len()..], folder(path))).collect()
+    lines.flat_map(|(keyword, text)| libraries(&text[keyword.len()..], folder_of(path))).collect()
 }
 
 /// Whether the OBJ file `path` assigns materials, which are kept; one pass over its text up to the first. False if it
@@ -262,7 +258,7 @@ pub fn has_texture(path: &Path, file: &Path) -> bool {
         let is_texture = keyword.starts_with(b"map_") || TEXTURES.contains(&&keyword[..]);
         let from = keyword.len().max(text.len().saturating_sub(LONGEST_PATH));
         let ends = || (from..text.len()).filter(|&k| text[k].is_ascii_whitespace()).map(|k| text[k..].trim_ascii());
-        let at = |end: &[u8]| folder(path).join(OsStr::from_bytes(end)).canonicalize();
+        let at = |end: &[u8]| folder_of(path).join(OsStr::from_bytes(end)).canonicalize();
         is_texture && text.ends_with(name.as_bytes()) && ends().any(|end| at(end).is_ok_and(|at| at == place))
     })
 }
