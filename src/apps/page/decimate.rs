@@ -8,7 +8,7 @@
 
 use crate::apps::edits::bounds;
 use crate::base::Result;
-use crate::base::vector::{self, finite};
+use crate::base::vector::{self, finite, position_key};
 use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
 use std::collections::{HashMap, HashSet};
@@ -94,8 +94,7 @@ impl Decimated {
         drop(sides);
         open.sort_unstable();
         open.dedup();
-        // Zero has two signs.
-        let place = |v: u32| self.positions[v as usize].map(|x| (x + 0.).to_bits());
+        let place = |v: u32| position_key(self.positions[v as usize]);
         let mut places: Vec<([u64; 3], u32)> = open.into_iter().map(|v| (place(v), v)).collect();
         places.sort_unstable();
         let mut first: Vec<u32> = (0..self.positions.len() as u32).collect();
