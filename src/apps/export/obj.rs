@@ -11,7 +11,7 @@ use super::by_part::{PartFaces, each_part};
 use super::split::plain_name;
 use super::{CHUNK, parts, work_beside};
 use crate::base::{Error, Result};
-use crate::mesh::import::{self, statements};
+use crate::mesh::import::{self, is_face, statements, words};
 use crate::mesh::output::{Gather, publish};
 use crate::mesh::ply::labelled::colour_of;
 use crate::mesh::ply::{Encoder, Encoding, Scalar};
@@ -47,7 +47,7 @@ struct Source<'a> {
 /// The corner numbers of a face, with relative ones made absolute by the `counts` of v, vt and vn so far.
 fn absolute(text: &[u8], counts: [u64; 3], out: &mut Vec<u8>) {
     out.push(b'f');
-    for word in text.split(|&byte| byte <= b' ' || byte == b'\\').filter(|word| !word.is_empty()).skip(1) {
+    for word in words(text).skip(1) {
         for (k, number) in word.split(|&byte| byte == b'/').enumerate() {
             out.push(if k == 0 { b' ' } else { b'/' });
             let back = std::str::from_utf8(number).ok().and_then(|number| number.parse::<i64>().ok());
@@ -81,7 +81,7 @@ impl<'a> Source<'a> {
                 b"vn" => counts[2] += 1,
                 b"usemtl" => in_force[0] = start + 1,
                 b"s" => in_force[1] = start + 1,
-                b"f" | b"fo" => {
+                _ if is_face(keyword) => {
                     if faces % CHUNK == 0 {
                         run.cancel.check()?;
                     }

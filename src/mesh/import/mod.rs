@@ -19,6 +19,7 @@ use crate::store::{MappedBytes, Run};
 use std::path::Path;
 use target::Target;
 use text::{Lines, obj, off, without_mark};
+pub(crate) use text::{obj::is_face, words};
 
 /// A supported input format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,46 +30,6 @@ pub(in crate::mesh) enum Format {
     Stl,
 }
 
-/// Statements of OBJ files; those of curves, surfaces and rendering are ignored.
-const OBJ: [&[u8]; 37] = [
-    b"v",
-    b"vn",
-    b"vt",
-    b"vp",
-    b"f",
-    b"fo",
-    b"l",
-    b"p",
-    b"o",
-    b"g",
-    b"s",
-    b"mg",
-    b"mtllib",
-    b"usemtl",
-    b"maplib",
-    b"usemap",
-    b"cstype",
-    b"deg",
-    b"bmat",
-    b"step",
-    b"curv",
-    b"curv2",
-    b"surf",
-    b"parm",
-    b"trim",
-    b"hole",
-    b"scrv",
-    b"sp",
-    b"con",
-    b"end",
-    b"lod",
-    b"bevel",
-    b"c_interp",
-    b"d_interp",
-    b"ctech",
-    b"stech",
-    b"call",
-];
 /// Lines examined to recognise a format.
 const LINES_EXAMINED: usize = 64;
 
@@ -193,7 +154,7 @@ fn is_off(head: &[u8]) -> bool {
 fn is_obj(head: &[u8]) -> bool {
     let mut lines = Lines::new(head, true).take(LINES_EXAMINED).peekable();
     // The last line examined may be cut off.
-    lines.peek().is_some() && lines.all(|line| line.words().next().is_some_and(|word| OBJ.contains(&word)))
+    lines.peek().is_some() && lines.all(|line| line.words().next().is_some_and(obj::is_keyword))
 }
 
 /// Writes the mesh in `bytes`, the content of `path`, to `scratch` as PLY and maps that file; oddities are added to

@@ -28,6 +28,12 @@ pub(super) fn without_padding(text: &[u8]) -> &[u8] {
     &text[..end]
 }
 
+/// The words of a line: a backslash that joins it with the next one is a blank.
+#[inline]
+pub(crate) fn words(text: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
+    text.split(|&byte| byte <= b' ' || byte == b'\\').filter(|word| !word.is_empty())
+}
+
 /// The lines that are not blank; `#` starts a comment ([`remark`]). With `joined`, as in OBJ, a backslash at the end,
 /// before blanks if there are any, continues on the next line.
 pub(super) struct Lines<'a> {
@@ -103,7 +109,7 @@ impl<'a> Line<'a> {
     /// Its words.
     #[inline]
     pub(super) fn words(&self) -> impl Iterator<Item = &'a [u8]> + Clone + use<'a> {
-        self.text.split(|&byte| byte <= b' ' || byte == b'\\').filter(|word| !word.is_empty())
+        words(self.text)
     }
 
     /// Parses the next three numbers of `words` as a position; further ones are ignored.
@@ -129,6 +135,58 @@ impl<'a> Line<'a> {
 pub(super) mod obj {
     use super::*;
 
+    /// The first words of all statements; those of curves, surfaces and rendering are ignored.
+    const KEYWORDS: [&[u8]; 37] = [
+        b"v",
+        b"vn",
+        b"vt",
+        b"vp",
+        b"f",
+        b"fo",
+        b"l",
+        b"p",
+        b"o",
+        b"g",
+        b"s",
+        b"mg",
+        b"mtllib",
+        b"usemtl",
+        b"maplib",
+        b"usemap",
+        b"cstype",
+        b"deg",
+        b"bmat",
+        b"step",
+        b"curv",
+        b"curv2",
+        b"surf",
+        b"parm",
+        b"trim",
+        b"hole",
+        b"scrv",
+        b"sp",
+        b"con",
+        b"end",
+        b"lod",
+        b"bevel",
+        b"c_interp",
+        b"d_interp",
+        b"ctech",
+        b"stech",
+        b"call",
+    ];
+
+    /// Whether `word` begins a statement.
+    pub(crate) fn is_keyword(word: &[u8]) -> bool {
+        KEYWORDS.contains(&word)
+    }
+
+    /// Whether a statement that begins with `keyword` is a face: `fo` is its old name.
+    #[inline]
+    pub(crate) fn is_face(keyword: &[u8]) -> bool {
+        keyword == b"f" || keyword == b"fo"
+    }
+
     /// Counts the elements of the mesh.
     pub(crate) fn count(path: &Path, bytes: &[u8], cancel: &Cancel) -> Result<Counts> {
         let mut counts = Counts { double: true, ..Counts::default() };
@@ -137,7 +195,7 @@ pub(super) mod obj {
             let mut words = line.words();
             match words.next() {
                 Some(b"v") => counts.vertices += 1,
-                Some(b"f" | b"fo") => counts.face(words.count() as u64),
+                Some(keyword) if is_face(keyword) => counts.face(words.count() as u64),
                 _ => {}
             }
         }
@@ -161,7 +219,7 @@ pub(super) mod obj {
             let mut words = line.words();
             match words.next() {
                 Some(b"v") => before += 1,
-                Some(b"f" | b"fo") => {
+                Some(keyword) if is_face(keyword) => {
                     target.face(words.clone().count() as u64)?;
                     for word in words {
                         let number = word.split(|&byte| byte == b'/').next().unwrap_or(word);
