@@ -183,8 +183,8 @@ fn compare(sequencer: &Sequencer, params: &SequenceParams) -> Result<Vec<Compare
         for sweeps in each {
             let sequence = sequencer.sequence(&params.order(order).sweeps(sweeps))?;
             let name = match sweeps {
-                0 => order.name().to_string(),
-                _ => format!("{} --smooth {sweeps}", order.name()),
+                0 => order.to_string(),
+                _ => format!("{order} --smooth {sweeps}"),
             };
             compared.push(ComparedOrder { order: name, measures: sequencer.measures(&sequence)? });
         }

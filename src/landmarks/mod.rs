@@ -30,6 +30,7 @@ use crate::base::Result;
 use crate::base::random::{below, stream};
 use crate::spectral::Kernel;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// How landmarks are chosen.
 ///
@@ -89,21 +90,6 @@ impl Sampling {
         Self::Greedy,
     ];
 
-    /// Its name in options and reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Farthest => "farthest",
-            Self::Random => "random",
-            Self::DistanceWeighted => "distance-weighted",
-            Self::Uniform => "uniform",
-            Self::GeodesicFarthest => "geodesic-farthest",
-            Self::Centroids => "centroids",
-            Self::Cholesky => "cholesky",
-            Self::Greedy => "greedy",
-            Self::PooledGreedy => "pooled-greedy",
-        }
-    }
-
     /// Whether the first l of more landmarks are the same as l landmarks: all samplings except centroids, which move.
     pub fn is_nested(self) -> bool {
         self != Self::Centroids
@@ -122,6 +108,13 @@ impl Sampling {
             Self::Greedy => Box::new(greedy::Greedy { params, pooled: false }),
             Self::PooledGreedy => Box::new(greedy::Greedy { params, pooled: true }),
         }
+    }
+}
+
+/// Its name in files, options and reports.
+impl fmt::Display for Sampling {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
     }
 }
 
@@ -198,9 +191,9 @@ mod tests {
     fn samplers_tell_what_they_need_and_cost() {
         for sampling in Sampling::ALL {
             let sampler = sampling.sampler(SamplingParams::default());
-            assert_eq!(sampler.needs_lengths(), sampling == Sampling::GeodesicFarthest, "{}", sampling.name());
+            assert_eq!(sampler.needs_lengths(), sampling == Sampling::GeodesicFarthest, "{sampling}");
             let draws = [Sampling::Farthest, Sampling::DistanceWeighted, Sampling::Random, Sampling::Uniform];
-            assert_eq!(sampler.is_costly(), !draws.contains(&sampling), "{}", sampling.name());
+            assert_eq!(sampler.is_costly(), !draws.contains(&sampling), "{sampling}");
             assert_eq!(sampling.needs_lengths(), sampler.needs_lengths());
             assert_eq!(sampling.is_costly(), sampler.is_costly());
         }

@@ -275,11 +275,10 @@ fn the_same_bytes_whatever_the_threads_and_the_memory() {
     let dir = common::in_memory();
     let mesh = creature(dir.path(), 30_000, true);
     for order in SequenceOrder::ALL {
-        let mut outputs = Vec::new();
+        let (name, mut outputs) = (order.to_string(), Vec::new());
         for (threads, memory) in [("1", "1GiB"), ("3", "24MiB")] {
             let out = dir.path().join(format!("{threads}.ply"));
-            let mut words =
-                vec!["sequence", word(&mesh), "-q", "-o", word(&out), "--order", order.name(), "--original"];
+            let mut words = vec!["sequence", word(&mesh), "-q", "-o", word(&out), "--order", &name, "--original"];
             words.extend(["--threads", threads, "--max-memory", memory]);
             if order == SequenceOrder::Spectral {
                 words.extend(["--smooth", "5"]);

@@ -147,8 +147,10 @@ impl Drawing for Comparison<'_> {
         for (k, sampling) in samplings.iter().enumerate() {
             let colour = COLOURS[k % COLOURS.len()];
             legend.draw(&PathElement::new(vec![(x, 20), (x + 18, 20)], colour.stroke_width(3)))?;
-            legend.draw(&Text::new(sampling.name(), (x + 24, 14), font()))?;
-            x += 44 + 8 * sampling.name().len() as i32;
+            let name = sampling.to_string();
+            let width = 44 + 8 * name.len() as i32;
+            legend.draw(&Text::new(name, (x + 24, 14), font()))?;
+            x += width;
         }
         area.present()
     }

@@ -23,6 +23,7 @@ pub use fiedler::sweep;
 pub use ranks::{bfs_ranks, hilbert_ranks, pca_ranks, random_ranks, ranks_along, rcm_ranks};
 use serde::{Deserialize, Serialize};
 use sorting::{Push, check_items, places_by_record};
+use std::fmt;
 use std::ops::Range;
 pub use stream_measures::{ComparedOrder, StreamMeasures, table};
 pub use vertex_use::VertexUse;
@@ -52,18 +53,12 @@ impl SequenceOrder {
     /// All of them.
     pub const ALL: [Self; 7] =
         [Self::Spectral, Self::Pca, Self::Bfs, Self::Rcm, Self::Hilbert, Self::Random, Self::Keep];
+}
 
-    /// Its name in options and reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Spectral => "spectral",
-            Self::Pca => "pca",
-            Self::Bfs => "bfs",
-            Self::Rcm => "rcm",
-            Self::Hilbert => "hilbert",
-            Self::Random => "random",
-            Self::Keep => "keep",
-        }
+/// Its name in files, options and reports.
+impl fmt::Display for SequenceOrder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
     }
 }
 

@@ -114,7 +114,7 @@ pub fn to_text(lines: &[SamplingSummary]) -> String {
         let _ = writeln!(
             text,
             "{:18} {:>4} {:>7} {:>14} {:>7.3} {:>14} {:>14} {:>8.3} {:>7.1} {:>7.1} {:>6}",
-            line.sampling.name(),
+            line.sampling,
             line.l,
             line.samples,
             spread(Some(line.gamma_per_node)),
@@ -138,7 +138,7 @@ pub fn one_to_text(record: &SampleRecord) -> String {
         let _ = writeln!(text, "{name:28} {value}");
     };
     let (landmarks, nodes) = (counted(record.l, "landmark"), counted(record.nodes, "node"));
-    tell("sampling", format!("{}, {landmarks} of {nodes}", record.sampling.name()));
+    tell("sampling", format!("{}, {landmarks} of {nodes}", record.sampling));
     tell("search", format!("{:.1} fronts besides {}", record.search_fronts, counted(record.l, "row")));
     tell("σ", record.sigma.map_or("local".into(), |sigma| format!("{:.6}", Significant(sigma))));
     tell("Γ", format!("{:.6}", m.gamma));
@@ -176,7 +176,7 @@ pub fn to_csv(records: &[SampleRecord]) -> String {
             text,
             "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             record.mesh.replace([',', '\n', '"'], "_"),
-            record.sampling.name(),
+            record.sampling,
             record.l,
             record.seed,
             record.nodes,
