@@ -28,6 +28,18 @@ pub fn around(extents: impl IntoIterator<Item = BoundingBox>) -> BoundingBox {
     })
 }
 
+/// The centre of a box. Halved first, so that the widest range of doubles does not overflow.
+#[inline]
+pub fn centre([low, high]: BoundingBox) -> [f64; 3] {
+    [low[0] / 2. + high[0] / 2., low[1] / 2. + high[1] / 2., low[2] / 2. + high[2] / 2.]
+}
+
+/// Half the lengths of the sides of a box.
+#[inline]
+pub fn half_sides([low, high]: BoundingBox) -> [f64; 3] {
+    [high[0] / 2. - low[0] / 2., high[1] / 2. - low[1] / 2., high[2] / 2. - low[2] / 2.]
+}
+
 /// An axis-aligned box: the least and greatest coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]

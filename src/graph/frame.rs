@@ -4,7 +4,7 @@
 //! of the bounding box ([`crate::mesh::extent`]).
 
 use crate::base::Result;
-use crate::base::bounds::BoundingBox;
+use crate::base::bounds::{BoundingBox, centre, half_sides};
 use crate::mesh::Mesh;
 use crate::store::Run;
 use serde::{Deserialize, Serialize};
@@ -36,9 +36,7 @@ impl Frame {
         if bounds[0][0] > bounds[1][0] {
             return Self { origin: [0.; 3], scale: 1. };
         }
-        // Halved first, so that the widest range of doubles does not overflow.
-        let origin = [0, 1, 2].map(|axis| bounds[0][axis] / 2. + bounds[1][axis] / 2.);
-        let half = [0, 1, 2].map(|axis| bounds[1][axis] / 2. - bounds[0][axis] / 2.);
+        let (origin, half) = (centre(bounds), half_sides(bounds));
         let widest = half.into_iter().fold(0., f64::max);
         let scale =
             if widest > 0. { 2. * widest * half.map(|h| (h / widest).powi(2)).iter().sum::<f64>().sqrt() } else { 1. };

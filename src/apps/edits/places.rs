@@ -6,10 +6,10 @@
 //! per point and thread.
 
 use super::data::{Edit, Edits, Place};
-use crate::base::bounds::{BoundingBox, EMPTY, around, grow};
+use crate::base::bounds::{BoundingBox, EMPTY, around, centre, grow, half_sides};
 use crate::base::parallel::{chunk_count, chunk_range, lock};
 use crate::base::printable::{Significant, counted};
-use crate::base::vector::{finite, length, minus, triangle_distance};
+use crate::base::vector::{add_scaled, finite, length, minus, triangle_distance};
 use crate::base::{Error, Result};
 use crate::mesh::{Mesh, polygon};
 use crate::store::Run;
@@ -143,14 +143,13 @@ struct Extent {
 }
 
 impl Extent {
-    /// Of the mesh in the box `[low, high]`, which [`bounds`] gave.
-    fn around([low, high]: [[f64; 3]; 2]) -> Self {
-        if low[0] > high[0] {
+    /// Of the mesh in the box `bounds`, which [`bounds`] gave.
+    fn around(bounds: BoundingBox) -> Self {
+        if bounds[0][0] > bounds[1][0] {
             return Self { middle: [0.; 3], diagonal: 1. };
         }
-        let diagonal = diagonal([low, high]).min(f64::MAX);
-        let middle = [0, 1, 2].map(|k| low[k] / 2. + high[k] / 2.);
-        Self { middle, diagonal: if diagonal > 0. { diagonal } else { 1. } }
+        let diagonal = diagonal(bounds).min(f64::MAX);
+        Self { middle: centre(bounds), diagonal: if diagonal > 0. { diagonal } else { 1. } }
     }
 
     fn place(&self, p: [f64; 3]) -> [f64; 3] {
@@ -159,19 +158,19 @@ impl Extent {
 }
 
 /// The diagonal of a box; correct even if its square overflows or underflows.
-fn diagonal([low, high]: [[f64; 3]; 2]) -> f64 {
-    let [x, y, z] = [0, 1, 2].map(|k| high[k] / 2. - low[k] / 2.);
+fn diagonal(bounds: BoundingBox) -> f64 {
+    let [x, y, z] = half_sides(bounds);
     2. * x.hypot(y).hypot(z)
 }
 
 /// A point of edits made on a mesh with the box `bounds`, in units of this mesh.
 fn scaled(bounds: Option<[[f64; 3]; 2]>, extent: &Extent, p: [f64; 3]) -> [f64; 3] {
-    let Some([low, high]) = bounds else { return p };
-    let ratio = extent.diagonal / diagonal([low, high]);
+    let Some(bounds) = bounds else { return p };
+    let ratio = extent.diagonal / diagonal(bounds);
     if !ratio.is_finite() || (1. / OTHER_UNITS..OTHER_UNITS).contains(&ratio) {
         return p;
     }
-    [0, 1, 2].map(|k| extent.middle[k] + (p[k] - (low[k] / 2. + high[k] / 2.)) * ratio)
+    add_scaled(extent.middle, ratio, minus(p, centre(bounds)))
 }
 
 /// The face nearest to each of `points`, and its distance, all in the box of diagonal 1; of several equally near ones,

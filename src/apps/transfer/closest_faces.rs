@@ -7,7 +7,7 @@
 //! bytes per point on disk.
 
 use crate::base::Result;
-use crate::base::bounds::Bounds;
+use crate::base::bounds::{Bounds, centre, half_sides};
 use crate::base::vector::{self, dot, double_area, minus, narrow, wide};
 use crate::mesh::Mesh;
 use crate::store::Run;
@@ -37,10 +37,10 @@ impl UnitFrame {
     /// # Errors
     /// [`crate::base::Error::Cancelled`].
     pub fn of(mesh: &Mesh, run: &Run) -> Result<Self> {
-        let [low, high] = mesh.extent(run)?;
-        let side = (0..3).map(|k| high[k] / 2. - low[k] / 2.).fold(0., f64::max);
+        let bounds = mesh.extent(run)?;
+        let side = half_sides(bounds).into_iter().fold(0., f64::max);
         let scale = if side.is_finite() && side > 0. { side } else { 1. };
-        Ok(Self { middle: [0, 1, 2].map(|k| if low[k] <= high[k] { low[k] / 2. + high[k] / 2. } else { 0. }), scale })
+        Ok(Self { middle: if bounds[0][0] <= bounds[1][0] { centre(bounds) } else { [0.; 3] }, scale })
     }
 
     /// Calls `visit(face, triangle)` with the triangles, in the frame, of the finite faces of `range`.
