@@ -270,13 +270,8 @@ impl Output {
         if self.form == Form::Png { check_picture(&PictureParams::default(), budget) } else { Ok(()) }
     }
 
-    /// Whether it cannot be written without the mesh.
-    pub fn needs_mesh(&self) -> bool {
-        !self.form.is_labels_alone()
-    }
-
-    /// Whether it contains the names of parts.
-    pub fn holds_names(&self) -> bool {
+    /// Whether it has more than the labels: then it needs the mesh, and contains the names of parts.
+    pub fn has_more_than_labels(&self) -> bool {
         !self.form.is_labels_alone()
     }
 
@@ -340,7 +335,7 @@ pub fn closing_line(faces: usize, parts: usize, start: Instant, outputs: &[Outpu
 
 /// Rejects a table of names if neither any of `outputs` nor `json` would contain them.
 pub fn check_names(names: Option<&Path>, outputs: &[Output], json: &JsonArgs) -> Result<(), CliError> {
-    if names.is_some() && json.json.is_none() && !outputs.iter().any(Output::holds_names) {
+    if names.is_some() && json.json.is_none() && !outputs.iter().any(Output::has_more_than_labels) {
         let text = "--names requires --json or an output that holds names: any except .seg and .npy";
         return Err(CliError::Usage(text.into()));
     }

@@ -44,7 +44,8 @@ impl<'a> Results<'a> {
         Self { labelling, form, embedding, agreement, report, cuts: None, cell_labels, edits: None }
     }
 
-    /// Writes all `outputs` as a stage; the mesh must be given if one of them [needs it](Output::needs_mesh).
+    /// Writes all `outputs` as a stage; the mesh must be given if one of them [has more](Output::has_more_than_labels)
+    /// than the labels.
     pub fn write(&self, outputs: &[Output], mesh: Option<&Mesh>, run: &Run) -> Result<()> {
         let each = || outputs.iter().try_for_each(|output| self.write_one(output, mesh, run));
         run.stage("write", "faces", self.labelling.labels.len() as u64, each).map(drop)
@@ -99,9 +100,9 @@ pub struct Cut<'a> {
 }
 
 impl Cut<'_> {
-    /// Writes all `outputs`, pages with the `report`; the mesh must be given if one of them [needs
-    /// it](Output::needs_mesh). Data needed only for writing go to the work directory of `context`, which may be
-    /// another one.
+    /// Writes all `outputs`, pages with the `report`; the mesh must be given if one of them [has
+    /// more](Output::has_more_than_labels) than the labels. Data needed only for writing go to the work directory of
+    /// `context`, which may be another one.
     pub fn write(
         &self,
         outputs: &[Output],

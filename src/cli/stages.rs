@@ -471,7 +471,7 @@ fn opened_for(
     work: &WorkDir,
     context: Context<'_>,
 ) -> Result<Option<Mesh>, Error> {
-    let needed = outputs.iter().any(Output::needs_mesh);
+    let needed = outputs.iter().any(Output::has_more_than_labels);
     needed.then(|| open_mesh(moved, record, Some(faces), work, context)).transpose()
 }
 

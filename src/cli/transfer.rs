@@ -80,7 +80,7 @@ pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     if let Some(note) = facts.note(&args.to) {
         run.progress.note(&note);
     }
-    let coloured = outputs.iter().any(Output::needs_mesh);
+    let coloured = outputs.iter().any(Output::has_more_than_labels);
     let colours = if coloured { found.colours(&to, &result.labels, &run)? } else { Vec::new() };
     let report = json!({
         "from": args.from.to_string_lossy(), "mesh": args.to.to_string_lossy(), "uncertain_share": share, "transfer": facts,
