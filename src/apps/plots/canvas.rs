@@ -5,10 +5,14 @@ use crate::apps::picture::image;
 use crate::apps::text;
 use crate::base::{Error, Result, printable};
 use crate::mesh::output::publish;
+use plotters::chart::MeshStyle;
 use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::{
-    BitMapBackend, DrawingArea, DrawingAreaErrorKind, DrawingBackend, IntoDrawingArea, RGBColor, SVGBackend,
+    BitMapBackend, DrawingArea, DrawingAreaErrorKind, DrawingBackend, IntoDrawingArea, IntoFont, RGBColor, SVGBackend,
+    TextStyle, WHITE,
 };
+use plotters::style::text_anchor::Pos;
 use plotters_backend::text_anchor::{HPos, VPos};
 use plotters_backend::{BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingErrorKind};
 use std::io::Write;
@@ -18,6 +22,25 @@ use std::path::Path;
 pub(super) const INK: RGBColor = RGBColor(60, 60, 60);
 /// Colour of grid lines.
 pub(super) const RULE: RGBColor = RGBColor(225, 225, 225);
+
+/// Text of this size, in pixels.
+pub(super) fn font(size: u32) -> TextStyle<'static> {
+    ("sans-serif", size).into_font().color(&INK)
+}
+
+/// Text of a chart without axes, beside or below a point at its middle.
+pub(super) fn label(h_pos: HPos) -> TextStyle<'static> {
+    font(14).pos(Pos { h_pos, v_pos: VPos::Center })
+}
+
+/// Styles axes, with their labels in text of this size, and grid lines.
+pub(super) fn style_axes<B: DrawingBackend>(
+    mesh: &mut MeshStyle<'_, '_, RangedCoordf64, RangedCoordf64, B>,
+    size: u32,
+) {
+    mesh.label_style(font(size)).axis_desc_style(font(size)).axis_style(INK);
+    mesh.bold_line_style(RULE).light_line_style(WHITE);
+}
 
 /// The result of drawing.
 pub(super) type Drawn<B> = std::result::Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;

@@ -1,7 +1,7 @@
 //! Charts of scores and of the study: bars by category beside those of people, lines with error bars (the paper's Fig.
 //! 5), a scatter plot with quadrants (Fig. 1).
 
-use super::canvas::{Drawing, Drawn, INK, RULE, save};
+use super::canvas::{Drawing, Drawn, INK, font, label, save, style_axes};
 use crate::apps::evaluate::ScoreTable;
 use crate::apps::study::points::SamplePair;
 use crate::apps::study::summary::{SamplingSummary, Spread};
@@ -10,10 +10,10 @@ use crate::base::sort::sort_by;
 use crate::landmarks::Sampling;
 use plotters::coord::Shift;
 use plotters::prelude::{
-    ChartBuilder, Circle, Color, DrawingArea, DrawingBackend, ErrorBar, IntoFont, LineSeries, PathElement, RGBColor,
-    Rectangle, Text, WHITE,
+    ChartBuilder, Circle, Color, DrawingArea, DrawingBackend, ErrorBar, LineSeries, PathElement, RGBColor, Rectangle,
+    Text, WHITE,
 };
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::text_anchor::HPos;
 use std::path::Path;
 
 const WIDTH: u32 = 800;
@@ -63,7 +63,6 @@ struct CategoryBars<'a> {
 impl Drawing for CategoryBars<'_> {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
         let bars = &self.bars;
-        let text = |h_pos| ("sans-serif", 14).into_font().color(&INK).pos(Pos { h_pos, v_pos: VPos::Center });
         let most = bars.iter().flat_map(|bar| [bar.ours, bar.people.unwrap_or(0.)]).fold(0.05, f64::max);
         let step = if most > 0.25 { 0.1 } else { 0.05 };
         let end = (most / step).ceil() * step;
@@ -73,22 +72,22 @@ impl Drawing for CategoryBars<'_> {
         for k in 0..=(end / step).round() as i32 {
             let score = f64::from(k) * step;
             area.draw(&PathElement::new(vec![(x(score), TOP), (x(score), bottom)], BAR_RULE))?;
-            area.draw(&Text::new(format!("{score:.2}"), (x(score), bottom + 14), text(HPos::Center)))?;
+            area.draw(&Text::new(format!("{score:.2}"), (x(score), bottom + 14), label(HPos::Center)))?;
         }
-        area.draw(&Text::new("1 - Rand index, lower is better", (LEFT, 20), text(HPos::Left)))?;
+        area.draw(&Text::new("1 - Rand index, lower is better", (LEFT, 20), label(HPos::Left)))?;
         for (k, (name, colour)) in [("ours", OURS), ("people", PEOPLE)].into_iter().enumerate() {
             let at = WIDTH as i32 - RIGHT - 180 + 90 * k as i32;
             area.draw(&Rectangle::new([(at, 14), (at + 12, 26)], colour.filled()))?;
-            area.draw(&Text::new(name, (at + 18, 20), text(HPos::Left)))?;
+            area.draw(&Text::new(name, (at + 18, 20), label(HPos::Left)))?;
         }
         for (k, bar) in bars.iter().enumerate() {
             let y = TOP + LINE * k as i32;
-            area.draw(&Text::new(bar.name, (LEFT - 8, y + LINE / 2), text(HPos::Right)))?;
+            area.draw(&Text::new(bar.name, (LEFT - 8, y + LINE / 2), label(HPos::Right)))?;
             area.draw(&Rectangle::new([(LEFT, y + 4), (x(bar.ours), y + 13)], OURS.filled()))?;
             if let Some(score) = bar.people {
                 area.draw(&Rectangle::new([(LEFT, y + 14), (x(score), y + 22)], PEOPLE.filled()))?;
             }
-            area.draw(&Text::new(format!("{:.3}", bar.ours), (x(bar.ours) + 6, y + 9), text(HPos::Left)))?;
+            area.draw(&Text::new(format!("{:.3}", bar.ours), (x(bar.ours) + 6, y + 9), label(HPos::Left)))?;
         }
         area.present()
     }
@@ -127,8 +126,7 @@ type Panel = (&'static str, fn(&SamplingSummary) -> Option<Spread>);
 impl Drawing for Comparison<'_> {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
         area.fill(&WHITE)?;
-        let font = || ("sans-serif", 14).into_font().color(&INK);
-        area.draw(&Text::new(self.title.to_owned(), (16, 12), font()))?;
+        area.draw(&Text::new(self.title.to_owned(), (16, 12), font(14)))?;
         let mut samplings: Vec<Sampling> = Vec::new();
         for line in self.lines {
             if !samplings.contains(&line.sampling) {
@@ -149,7 +147,7 @@ impl Drawing for Comparison<'_> {
             legend.draw(&PathElement::new(vec![(x, 20), (x + 18, 20)], colour.stroke_width(3)))?;
             let name = sampling.to_string();
             let width = 44 + 8 * name.len() as i32;
-            legend.draw(&Text::new(name, (x + 24, 14), font()))?;
+            legend.draw(&Text::new(name, (x + 24, 14), font(14)))?;
             x += width;
         }
         area.present()
@@ -173,22 +171,16 @@ impl Comparison<'_> {
             return Ok(());
         }
         let margin = 0.05 * (high - low).max(1e-6);
-        let font = || ("sans-serif", 13).into_font().color(&INK);
         let mut chart = ChartBuilder::on(area)
             .margin(8)
             .margin_right(16)
-            .caption(title, font())
+            .caption(title, font(13))
             .x_label_area_size(34)
             .y_label_area_size(52)
             .build_cartesian_2d(0f64..most * 1.05, low - margin..high + margin)?;
-        chart
-            .configure_mesh()
-            .x_desc("landmarks l")
-            .label_style(font())
-            .axis_desc_style(font())
-            .bold_line_style(RULE)
-            .light_line_style(WHITE)
-            .axis_style(INK)
+        let mut axes = chart.configure_mesh();
+        style_axes(&mut axes, 13);
+        axes.x_desc("landmarks l")
             .x_label_formatter(&|x| format!("{x:.0}"))
             .y_label_formatter(&|y| format!("{y:.2}"))
             .draw()?;
@@ -233,21 +225,17 @@ impl Drawing for Scatter<'_> {
         let reach =
             |pick: fn(&(f64, f64)) -> f64| markers.iter().map(pick).fold(1e-9, |a, b: f64| b.abs().max(a)) * 1.08;
         let (x, y) = (reach(|m| m.0), reach(|m| m.1));
-        let font = || ("sans-serif", 13).into_font().color(&INK);
         let mut chart = ChartBuilder::on(area)
             .margin(10)
             // Text in a PNG cannot be rotated, so the axis is named here.
-            .caption(format!("upwards: Gamma, S2 - S1; {}", self.title), font())
+            .caption(format!("upwards: Gamma, S2 - S1; {}", self.title), font(13))
             .x_label_area_size(36)
             .y_label_area_size(48)
             .build_cartesian_2d(-x..x, -y..y)?;
-        chart
-            .configure_mesh()
-            .disable_mesh()
+        let mut axes = chart.configure_mesh();
+        style_axes(&mut axes, 13);
+        axes.disable_mesh()
             .x_desc("Schur complement, Frobenius: S1 - S2")
-            .label_style(font())
-            .axis_desc_style(font())
-            .axis_style(INK)
             .x_label_formatter(&|x| format!("{x:.1}"))
             .y_label_formatter(&|y| format!("{y:.1}"))
             .draw()?;

@@ -3,12 +3,10 @@
 //! Where they have decayed to nothing, more landmarks or coordinates add no information; negative ones show that the
 //! kernel of these distances is indefinite.
 
-use super::canvas::{Drawing, Drawn, INK, RULE, save};
+use super::canvas::{Drawing, Drawn, font, save, style_axes};
 use crate::base::{Error, Result};
 use plotters::coord::Shift;
-use plotters::prelude::{
-    ChartBuilder, Circle, Color, DrawingArea, DrawingBackend, IntoFont, PathElement, RGBColor, Text, WHITE,
-};
+use plotters::prelude::{ChartBuilder, Circle, Color, DrawingArea, DrawingBackend, PathElement, RGBColor, Text, WHITE};
 use std::path::Path;
 
 const KEPT: RGBColor = RGBColor(0, 114, 178);
@@ -51,7 +49,6 @@ impl Spectrum<'_> {
 impl Drawing for Spectrum<'_> {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
         area.fill(&WHITE)?;
-        let font = || ("sans-serif", 14).into_font().color(&INK);
         let (count, first) = (self.values.len(), self.values[0]);
         let share = |value: f64| (value.abs() / first).max(LEAST);
         let least = self.values.iter().map(|&value| share(value)).fold(1., f64::min);
@@ -60,7 +57,7 @@ impl Drawing for Spectrum<'_> {
         let logarithmic = decades > 1.;
         let height = |value: f64| if logarithmic { share(value).log10() } else { share(value) };
         let range = if logarithmic { -decades..0.2 } else { 0. ..1.1 };
-        area.draw(&Text::new(self.title.to_owned(), (16, 12), font()))?;
+        area.draw(&Text::new(self.title.to_owned(), (16, 12), font(14)))?;
         let (_, body) = area.split_vertically(36);
         let mut chart = ChartBuilder::on(&body)
             .margin(8)
@@ -68,14 +65,9 @@ impl Drawing for Spectrum<'_> {
             .x_label_area_size(40)
             .y_label_area_size(62)
             .build_cartesian_2d(0f64..count as f64 + 1., range)?;
-        chart
-            .configure_mesh()
-            .x_desc("eigenvalue, from the greatest")
-            .label_style(font())
-            .axis_desc_style(font())
-            .bold_line_style(RULE)
-            .light_line_style(WHITE)
-            .axis_style(INK)
+        let mut axes = chart.configure_mesh();
+        style_axes(&mut axes, 14);
+        axes.x_desc("eigenvalue, from the greatest")
             .x_label_formatter(&|x| format!("{x:.0}"))
             .y_labels(if logarithmic { decades as usize + 1 } else { 6 })
             .y_label_formatter(&|&y| if logarithmic { format!("1e{y:.0}") } else { format!("{y:.1}") })
@@ -97,7 +89,7 @@ impl Drawing for Spectrum<'_> {
         ];
         for (k, (text, style)) in (0..).zip(rows) {
             body.draw(&Circle::new((500, 22 + 20 * k), 4, style))?;
-            body.draw(&Text::new(text, (512, 16 + 20 * k), font()))?;
+            body.draw(&Text::new(text, (512, 16 + 20 * k), font(14)))?;
         }
         area.present()
     }

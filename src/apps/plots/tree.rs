@@ -5,15 +5,13 @@
 //! some thirty rows. The root is on the left; a union is drawn at the level up to which cuts make it, so that a
 //! vertical line at a level crosses the parts of that cut. Branches within a part have its colour. O(cells) per branch.
 
-use super::canvas::{Drawing, Drawn, INK, RULE, save};
+use super::canvas::{Drawing, Drawn, INK, RULE, label, save};
 use crate::base::Result;
 use crate::base::union_find::Forest;
 use crate::cluster::parts::{PartTree, TreeCut};
 use plotters::coord::Shift;
-use plotters::prelude::{
-    Circle, Color, DrawingArea, DrawingBackend, IntoFont, PathElement, RGBColor, Rectangle, Text, WHITE,
-};
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::prelude::{Circle, Color, DrawingArea, DrawingBackend, PathElement, RGBColor, Rectangle, Text, WHITE};
+use plotters::style::text_anchor::HPos;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -213,17 +211,16 @@ fn y(row: f64) -> i32 {
 
 impl Drawing for TreePlot<'_> {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
-        let text = |h_pos| ("sans-serif", 14).into_font().color(&INK).pos(Pos { h_pos, v_pos: VPos::Center });
         let bottom = TOP + ROW * self.plot.rows as i32 + 6;
         area.fill(&WHITE)?;
-        area.draw(&Text::new(self.title.to_owned(), (LEFT, 20), text(HPos::Left)))?;
+        area.draw(&Text::new(self.title.to_owned(), (LEFT, 20), label(HPos::Left)))?;
         for k in 0..=5 {
             let level = f64::from(k) / 5.;
             area.draw(&PathElement::new(vec![(x(level), TOP - 6), (x(level), bottom)], RULE))?;
-            area.draw(&Text::new(format!("{level:.1}"), (x(level), bottom + 12), text(HPos::Center)))?;
+            area.draw(&Text::new(format!("{level:.1}"), (x(level), bottom + 12), label(HPos::Center)))?;
         }
         let axis = "level up to which a cut unites: 0 one part, 1 single cells; small branches left out";
-        area.draw(&Text::new(axis, (LEFT, bottom + 34), text(HPos::Left)))?;
+        area.draw(&Text::new(axis, (LEFT, bottom + 34), label(HPos::Left)))?;
         for branch in &self.plot.branches {
             let style = |branch: &Branch| match branch.part {
                 Some(_) => self.colour(branch).stroke_width(4),
@@ -249,9 +246,9 @@ impl Drawing for TreePlot<'_> {
                     area.draw(&chip)?;
                     area.draw(&Rectangle::new([(left, row - 6), (left + 12, row + 6)], ACROSS))?;
                     let part = branch.part.map_or(String::from("-"), |part| part.to_string());
-                    area.draw(&Text::new(part, (left + 42, row), text(HPos::Right)))?;
+                    area.draw(&Text::new(part, (left + 42, row), label(HPos::Right)))?;
                     let share = format!("{:.1} %", 100. * branch.area);
-                    area.draw(&Text::new(share, (left + 116, row), text(HPos::Right)))?;
+                    area.draw(&Text::new(share, (left + 116, row), label(HPos::Right)))?;
                 }
             }
         }
