@@ -2,6 +2,7 @@
 #![allow(dead_code)]
 
 pub mod oracle;
+pub mod squares;
 pub mod zoo;
 
 use nystrom_stream::apps::creature::{Creature, Options};

@@ -1,77 +1,52 @@
 //! Flat plates and sheets: front and back of a thin arm are one part, whatever the seed.
 
+use crate::common::squares::Squares;
 use nystrom_stream::{Mesh, Segmenter};
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 
 /// Squares of a plate along its sides.
-const SIZE: usize = 60;
+const SIZE: i32 = 60;
 /// Where an arm in the middle lies.
-const MIDDLE: std::ops::Range<usize> = 24..36;
+const MIDDLE: std::ops::Range<i32> = 24..36;
+/// Its width.
+const WIDTH: i32 = MIDDLE.end - MIDDLE.start;
 
-/// Vertices and triangles of a plate, `thick` squares thick, that consists of those for which `is_solid` holds.
-#[derive(Default)]
+/// A plate or a sheet.
 struct Plate {
-    number: HashMap<[usize; 3], u32>,
-    positions: Vec<[f64; 3]>,
-    faces: Vec<[u32; 3]>,
+    surface: Squares,
 }
 
 impl Plate {
-    fn new(thick: usize, is_solid: impl Fn(usize, usize) -> bool) -> Self {
-        let solid = |x: usize, y: usize| (1..=SIZE).contains(&x) && (1..=SIZE).contains(&y) && is_solid(x - 1, y - 1);
-        let mut plate = Self::default();
-        for (x, y) in (1..=SIZE).flat_map(|x| (1..=SIZE).map(move |y| (x, y))).filter(|&(x, y)| solid(x, y)) {
-            plate.square([[x, y, thick], [x + 1, y, thick], [x + 1, y + 1, thick], [x, y + 1, thick]]);
-            plate.square([[x, y, 0], [x, y + 1, 0], [x + 1, y + 1, 0], [x + 1, y, 0]]);
-            let sides = [
-                (solid(x, y - 1), [x, y], [x + 1, y]),
-                (solid(x + 1, y), [x + 1, y], [x + 1, y + 1]),
-                (solid(x, y + 1), [x + 1, y + 1], [x, y + 1]),
-                (solid(x - 1, y), [x, y + 1], [x, y]),
-            ];
-            for (_, a, b) in sides.into_iter().filter(|(is_inside, ..)| !is_inside) {
-                for z in 0..thick {
-                    plate.square([[a[0], a[1], z], [b[0], b[1], z], [b[0], b[1], z + 1], [a[0], a[1], z + 1]]);
-                }
-            }
-        }
-        plate
-    }
-
-    fn square(&mut self, corners: [[usize; 3]; 4]) {
-        let [a, b, c, d] = corners.map(|corner| {
-            *self.number.entry(corner).or_insert_with(|| {
-                self.positions.push(corner.map(|x| x as f64));
-                self.positions.len() as u32 - 1
-            })
-        });
-        self.faces.extend([[a, b, c], [a, c, d]]);
+    /// A plate, `thick` squares thick, of those squares for which `is_solid` holds.
+    fn new(thick: i32, is_solid: impl Fn(i32, i32) -> bool) -> Self {
+        let mut surface = Squares::default();
+        surface.add_columns(SIZE, |x, y| if is_solid(x, y) { thick } else { 0 });
+        Self { surface }
     }
 
     /// A sheet of triangles in a plane.
-    fn sheet(is_solid: impl Fn(usize, usize) -> bool) -> Self {
-        let mut sheet = Self::default();
+    fn sheet(is_solid: impl Fn(i32, i32) -> bool) -> Self {
+        let mut surface = Squares::default();
         for (x, y) in (0..SIZE).flat_map(|x| (0..SIZE).map(move |y| (x, y))).filter(|&(x, y)| is_solid(x, y)) {
-            let (right, up) = (x + 1, y + 1);
-            sheet.square([[x, y, 0], [right, y, 0], [right, up, 0], [x, up, 0]].map(|[x, y, z]| [x + 1, y + 1, z]));
+            surface.add([[x, y, 0], [x + 1, y, 0], [x + 1, y + 1, 0], [x, y + 1, 0]]);
         }
-        sheet
+        Self { surface }
     }
 
     /// The labels under each of four seeds.
     fn labels(&self) -> Vec<Vec<u32>> {
-        let mesh = Mesh::from_slices(&self.positions, &self.faces).unwrap();
+        let mesh = Mesh::from_slices(&self.surface.positions, &self.surface.faces).unwrap();
         (0..4).map(|seed| Segmenter::new().seed(seed).run(&mesh).unwrap().labels().to_vec()).collect()
     }
 
     /// The labels of the front and of the back at a square.
-    fn sides(&self, labels: &[u32], [x, y]: [usize; 2]) -> BTreeSet<u32> {
-        let corner = [x as f64 + 1., y as f64 + 1.];
+    fn sides(&self, labels: &[u32], [x, y]: [i32; 2]) -> BTreeSet<u32> {
+        let corner = [f64::from(x), f64::from(y)];
         let is_there = |face: &[u32; 3]| {
-            let corners = face.map(|v| self.positions[v as usize]);
+            let corners = face.map(|v| self.surface.positions[v as usize]);
             corners.iter().all(|p| p[2] == corners[0][2] && (0..2).all(|k| (0. ..=1.).contains(&(p[k] - corner[k]))))
         };
-        self.faces.iter().zip(labels).filter(|(face, _)| is_there(face)).map(|(_, label)| *label).collect()
+        self.surface.faces.iter().zip(labels).filter(|(face, _)| is_there(face)).map(|(_, label)| *label).collect()
     }
 }
 
@@ -79,7 +54,7 @@ impl Plate {
 /// or three quarters as thick were one part.
 #[test]
 fn arms_of_thin_plates_are_parts_under_all_seeds() {
-    let is_leg = |x: usize| x < MIDDLE.len() || x >= SIZE - MIDDLE.len();
+    let is_leg = |x: i32| !(WIDTH..SIZE - WIDTH).contains(&x);
     for labels in Plate::new(4, |x, y| is_leg(x) || MIDDLE.contains(&y)).labels() {
         assert_eq!(labels.iter().max(), Some(&2));
     }
@@ -92,12 +67,12 @@ fn arms_of_thin_plates_are_parts_under_all_seeds() {
 #[test]
 fn arms_of_planar_meshes_are_parts_under_all_seeds() {
     assert_arms_are_parts(&Plate::sheet(is_plus), "a sheet");
-    for labels in Plate::sheet(|_, y| y < 2 * MIDDLE.len()).labels() {
+    for labels in Plate::sheet(|_, y| y < 2 * WIDTH).labels() {
         assert_eq!(labels.iter().max(), Some(&0), "a rectangle is left whole");
     }
 }
 
-fn is_plus(x: usize, y: usize) -> bool {
+fn is_plus(x: i32, y: i32) -> bool {
     MIDDLE.contains(&x) || MIDDLE.contains(&y)
 }
 

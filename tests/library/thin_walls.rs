@@ -1,8 +1,7 @@
 //! Thin walls and towers with sharp edges: their parts were in doubt with rows over all faces, and clear on a contraction.
 
-use crate::common;
+use crate::common::{self, squares::Squares};
 use nystrom_stream::{Mesh, Segmenter};
-use std::collections::HashMap;
 
 /// Cubes around the axis, outward and upward.
 const SIZE: [i32; 3] = [120, 43, 30];
@@ -23,15 +22,7 @@ fn is_solid([turn, out, up]: [i32; 3]) -> bool {
 
 /// The surface of the solid cubes, bent around the axis, so without stairs; two triangles per square.
 fn castle() -> Mesh {
-    let (mut number, mut points, mut faces) = (HashMap::new(), Vec::new(), Vec::new());
-    let mut corner = |[turn, out, up]: [i32; 3]| {
-        let turn = turn.rem_euclid(SIZE[0]);
-        *number.entry([turn, out, up]).or_insert_with(|| {
-            let (sin, cos) = (std::f64::consts::TAU * f64::from(turn) / f64::from(SIZE[0])).sin_cos();
-            points.push([f64::from(out) * cos, f64::from(out) * sin, f64::from(up)].map(|x| x as f32));
-            points.len() as u32 - 1
-        })
-    };
+    let mut surface = Squares::default();
     let [turns, wide, high] = SIZE;
     for (axis, side) in (0..3).flat_map(|axis| [(axis, 0), (axis, 1)]) {
         let cubes = (0..turns).flat_map(|a| (0..wide).flat_map(move |b| (0..high).map(move |c| [a, b, c])));
@@ -45,16 +36,21 @@ fn castle() -> Mesh {
             let mut square = [[0, 0], [1, 0], [1, 1], [0, 1]].map(|[i, j]| {
                 let mut at = cube;
                 (at[axis], at[a], at[b]) = (at[axis] + side, at[a] + i, at[b] + j);
-                corner(at)
+                at[0] = at[0].rem_euclid(turns);
+                at
             });
             if side == 0 {
                 square.reverse();
             }
-            let [p, q, r, s] = square;
-            faces.extend([[p, q, r], [p, r, s]]);
+            surface.add(square);
         }
     }
-    Mesh::from_slices(&points, &faces).unwrap()
+    let bent = |[turn, out, up]: [f64; 3]| {
+        let (sin, cos) = (std::f64::consts::TAU * turn / f64::from(turns)).sin_cos();
+        [out * cos, out * sin, up].map(|x| x as f32)
+    };
+    let points: Vec<[f32; 3]> = surface.positions.into_iter().map(bent).collect();
+    Mesh::from_slices(&points, &surface.faces).unwrap()
 }
 
 #[test]
