@@ -11,10 +11,15 @@ use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 
 /// Minimum volume of a component that counts as enclosing one, relative to a sphere of equal area.
-const ENCLOSES: f64 = 0.02;
-/// Maximum length of the summed area vectors, relative to the area, for such a component: 0 for closed surfaces, .2 for
-/// a cube without a lid, .3 to .5 for scans of rooms and bowls, which are seen from within.
-pub const OPEN: f64 = 0.25;
+const MIN_VOLUME: f64 = 0.02;
+/// Maximum length of the summed area vectors, relative to the area, of a surface that counts as closed: 0 for closed
+/// surfaces, .2 for a cube without a lid, .3 to .5 for scans of rooms and bowls, which are seen from within.
+const MAX_OPENING: f64 = 0.25;
+
+/// Whether a surface is closed but for small holes, given the sum of its area vectors, area times normal, and its area.
+pub fn is_closed(area_vectors: [f64; 3], area: f64) -> bool {
+    length(area_vectors) <= MAX_OPENING * area
+}
 
 /// Sums over nodes of one component.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -75,8 +80,7 @@ impl OrientationSums {
         // A sphere of this area has the volume A^1.5 / (6 √π).
         let sphere = area * area.sqrt() / (6. * std::f64::consts::PI.sqrt());
         let inward = volume < 0.;
-        let is_open = length(self.vector) > OPEN * area;
-        if volume.abs() > ENCLOSES * sphere && !is_open { inward } else { majority }
+        if volume.abs() > MIN_VOLUME * sphere && is_closed(self.vector, area) { inward } else { majority }
     }
 }
 

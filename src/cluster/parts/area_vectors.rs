@@ -4,8 +4,8 @@
 //! closes the part. Cost: a pass over the cells.
 
 use super::cell_graph::CellGraph;
-use crate::base::vector::{add_scaled, length};
-use crate::graph::orientation_sums::OPEN;
+use crate::base::vector::add_scaled;
+use crate::graph::orientation_sums::is_closed;
 
 /// Sums over the cells of a class.
 #[derive(Clone, Copy, Debug, Default)]
@@ -19,7 +19,7 @@ pub(super) struct AreaVector {
 impl AreaVector {
     /// Whether a component with these sums is closed but for small holes.
     pub fn is_closed(&self) -> bool {
-        length(self.vector) <= OPEN * self.area
+        is_closed(self.vector, self.area)
     }
 }
 
