@@ -1,9 +1,20 @@
-//! How often pairs of numbers occur: parts against cells, labels against labels.
+//! How often pairs of numbers occur: parts against cells, labels against labels; weights of a few numbers.
 //!
 //! Neighbours in mesh order mostly have the same pair, so runs of equal pairs are counted before the map is updated.
 //! Cost: one comparison per pair, one look-up per run.
 
 use std::collections::BTreeMap;
+use std::ops::AddAssign;
+
+/// Adds `weight` to that of `number` in a list of different numbers with their weights, which is searched from the
+/// start: for lists of a few, in the order of their first appearance.
+#[inline]
+pub fn add_weight<T: AddAssign>(list: &mut Vec<(u32, T)>, number: u32, weight: T) {
+    match list.iter_mut().find(|entry| entry.0 == number) {
+        Some((_, sum)) => *sum += weight,
+        None => list.push((number, weight)),
+    }
+}
 
 /// How often each of `pairs` occurs.
 ///

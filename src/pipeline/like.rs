@@ -11,7 +11,7 @@ use super::labels::{self, LABELS, SegmentedMesh};
 use super::params::BYTES_PER_PART;
 use crate::apps::correspond::Match;
 use crate::apps::transfer::transfer;
-use crate::base::tally::tally;
+use crate::base::tally::{add_weight, tally};
 use crate::base::{Error, Result};
 use crate::mesh::ply::labelled::{GREY, colour_of};
 use crate::mesh::{Mesh, UNLABELLED};
@@ -154,10 +154,7 @@ fn by_shape(reference: Reference<'_>, mesh: &Mesh, context: Context<'_>, work: &
             votes.clear();
             for one in corners.iter().map(|&v| &matches[v as usize]) {
                 let value = one.vertex().map_or(0, |v| of_vertex[v as usize]);
-                match votes.iter_mut().find(|vote| vote.0 == value) {
-                    Some(vote) => vote.1 += one.confidence,
-                    None => votes.push((value, one.confidence)),
-                }
+                add_weight(&mut votes, value, one.confidence);
             }
             let known = votes.iter().filter(|vote| vote.0 > 0);
             let best = known.fold((0, -1.), |best, &vote| if vote.1 > best.1 { vote } else { best });

@@ -5,6 +5,7 @@
 //! steps each.
 
 use crate::base::sort::sort_by;
+use crate::base::tally::add_weight;
 use crate::base::union_find::Forest;
 use crate::base::{Error, Result};
 use std::cmp::Reverse;
@@ -354,11 +355,7 @@ pub fn class_sums(label: &[u32], value: &[f64], n: usize) -> Vec<f64> {
 pub fn majorities(group: &[u32], count: usize, label: &[u32], area: &[f64]) -> Vec<u32> {
     let mut sums: Vec<Vec<(u32, f64)>> = vec![Vec::new(); count];
     for ((&x, &label), area) in group.iter().zip(label).zip(area) {
-        let sums = &mut sums[x as usize];
-        match sums.iter_mut().find(|(other, _)| *other == label) {
-            Some((_, sum)) => *sum += area,
-            None => sums.push((label, *area)),
-        }
+        add_weight(&mut sums[x as usize], label, *area);
     }
     let most = |sums: &Vec<(u32, f64)>| sums.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
     sums.iter().map(|sums| most(sums).map_or(0, |(label, _)| label)).collect()

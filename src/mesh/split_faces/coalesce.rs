@@ -7,6 +7,7 @@
 //!
 //! Cost: a microsecond or two per vertex.
 
+use crate::base::tally::add_weight;
 use crate::base::vector::{distance, double_area, length, triangle_distance};
 
 /// Pieces below this share of twice the area of their triangle count as flat.
@@ -40,10 +41,7 @@ impl Place {
         let mut all: Vec<(u32, f64)> = Vec::with_capacity(4);
         for (place, share) in parts {
             for (v, weight) in place.of.into_iter().zip(place.weights).take(place.count) {
-                match all.iter_mut().find(|own| own.0 == v) {
-                    Some(own) => own.1 += share * weight,
-                    None => all.push((v, share * weight)),
-                }
+                add_weight(&mut all, v, share * weight);
             }
         }
         all.retain(|own| own.1 != 0.);

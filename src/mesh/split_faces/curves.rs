@@ -14,6 +14,7 @@
 
 use super::strip::Strip;
 use crate::base::sort::sort_by;
+use crate::base::tally::add_weight;
 use crate::base::vector::{MapEach, add_scaled, cross, distance, dot, double_area, length, minus, unit};
 use crate::base::{Cancel, Result};
 
@@ -183,10 +184,7 @@ impl<'a> Curves<'a> {
             let [a, b] = [1, 2].map(|j| minus(strip.at[corners[(k + j) % 3] as usize], strip.at[v as usize]));
             let angle = length(cross(a, b)).atan2(dot(a, b));
             let angle = if angle.is_finite() { angle } else { 0. };
-            match shares.iter_mut().find(|share| share.0 == strip.labels[f as usize]) {
-                Some(share) => share.1 += angle,
-                None => shares.push((strip.labels[f as usize], angle)),
-            }
+            add_weight(&mut shares, strip.labels[f as usize], angle);
         }
         sort_by(&mut shares, |a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         shares

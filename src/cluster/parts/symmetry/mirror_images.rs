@@ -5,6 +5,7 @@
 //! milliseconds for the planes; for each of them R², plus R times the number of pairs of superfaces and images that
 //! overlap.
 
+use crate::base::tally::add_weight;
 use crate::base::vector::axpy;
 use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
 use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact, intersect};
@@ -137,10 +138,7 @@ pub(in crate::cluster::parts) fn superface_images(
     let (mut sure, area) = (vec![0.0; n], class_sums(of_cell, shares, n));
     for (k, &x) in of_cell.iter().enumerate().filter(|(k, _)| map.weight[*k] > 0.0) {
         let (y, w) = (of_cell[map.image[k] as usize], shares[k] * map.weight[k]);
-        match images[x as usize].iter_mut().find(|(other, _)| *other == y) {
-            Some((_, sum)) => *sum += w,
-            None => images[x as usize].push((y, w)),
-        }
+        add_weight(&mut images[x as usize], y, w);
         sure[x as usize] += w;
     }
     for x in 0..n {
