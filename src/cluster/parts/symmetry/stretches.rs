@@ -216,10 +216,9 @@ impl Stretch<'_> {
             if error < best.0 {
                 best = (error, image);
             }
-            match motion.improved(&pairs) {
-                Some(next) if error <= MAY_FIT[k.min(2)] => motion = next,
-                _ => break,
-            }
+            let may_fit = k < IMPROVEMENTS && error <= MAY_FIT[k.min(2)];
+            let Some(next) = may_fit.then(|| motion.improved(&pairs)).flatten() else { break };
+            motion = next;
         }
         best
     }
