@@ -16,7 +16,7 @@
 use super::sides::{
     CorrespondParams, Correspondence, FunctionalMap, Guidance, LOCAL_SAMPLES, Refinement, Side, local_width, refined,
 };
-use crate::apps::correspond::align::{TELLING, align};
+use crate::apps::correspond::align::{CONCLUSIVE_ORIENTATION, align};
 use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, transformed};
 use crate::apps::correspond::matches::{Match, Matching, matches};
 use crate::apps::correspond::partial::{ANCHORS, CANDIDATES, PartialOutcome, PartialSide, match_part};
@@ -258,7 +258,8 @@ pub(super) fn match_partial(
     let rival = |(rank, images): &(f64, Images)| {
         *rank <= RIVAL * best.rank() && apart(whole, &compared(&best.images), images) > APART
     };
-    best.alignments.ambiguous = best.outcomes[0].orientation.is_none_or(|one| one < TELLING) || tried.iter().any(rival);
+    best.alignments.ambiguous =
+        best.outcomes[0].orientation.is_none_or(|one| one < CONCLUSIVE_ORIENTATION) || tried.iter().any(rival);
     let (matches, points) = finish(&best, [part, whole], a_is_part, params, context)?;
     if let Some(note) = note([part, whole], &matches) {
         context.run.progress.note(&note);

@@ -6,7 +6,7 @@
 //!
 //! Cost: everything of the size of a mesh is a mapped file; only queues of fronts are allocated.
 
-use crate::apps::correspond::align::TELLING;
+use crate::apps::correspond::align::CONCLUSIVE_ORIENTATION;
 use crate::apps::correspond::dense::{EXHAUSTIVE, RefinedPair, transformed};
 use crate::apps::correspond::matches::{Match, Matching, matches};
 use crate::apps::correspond::partial::PartialOutcome;
@@ -398,8 +398,8 @@ pub(super) fn refined(
         },
     };
     alignments.found = found.iter().map(begun).collect();
-    let telling = alignments.found.first().is_some_and(|best| best.orientation >= TELLING);
-    alignments.ambiguous = found.len() > 1 || !telling;
+    let is_conclusive = alignments.found.first().is_some_and(|best| best.orientation >= CONCLUSIVE_ORIENTATION);
+    alignments.ambiguous = found.len() > 1 || !is_conclusive;
     let outcome = found.get(params.alternative).ok_or_else(|| no_alternative(params.alternative, found.len()))?;
     let map = refit(sides, &outcome.map, &guidance.pairs, context.run);
     let make = || {

@@ -44,8 +44,8 @@ const TOLERATED: f64 = 3.;
 pub const RIVAL: f64 = 1.15;
 /// Mean squared distance between two maps, relative to the variance, above which they are different.
 const APART: f64 = 0.1;
-/// Magnitude of the agreement below which orientation is inconclusive.
-pub const TELLING: f64 = 0.5;
+/// Minimum magnitude of the agreement of orientations, from −1 to 1, that tells a map from a mirror image.
+pub const CONCLUSIVE_ORIENTATION: f64 = 0.5;
 
 /// An embedded mesh, as used by alignment. If the two have different numbers of coordinates, only the common ones are
 /// used.
@@ -317,8 +317,8 @@ fn rival_alignments(mut sorted: Vec<Alignment>, points: &[Point], apart: f64) ->
         sorted.retain(|one| one.rivals(&best));
     }
     let found = different(sorted, points, apart);
-    let telling = found.first().is_some_and(|best| best.orientation >= TELLING);
-    Alignments { ambiguous: found.len() > 1 || !telling, found, starts }
+    let is_conclusive = found.first().is_some_and(|best| best.orientation >= CONCLUSIVE_ORIENTATION);
+    Alignments { ambiguous: found.len() > 1 || !is_conclusive, found, starts }
 }
 
 // Initial guesses of the change of coordinates between two embeddings: signs, order, and rotations of axes with similar

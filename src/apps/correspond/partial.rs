@@ -19,7 +19,7 @@
 //! Cost: a front per candidate on the whole and two bases; the rest is constant, except for
 //! 4 bytes per vertex of the part.
 
-use super::align::{TELLING, sample};
+use super::align::{CONCLUSIVE_ORIENTATION, sample};
 use super::functional::{Points, Targets};
 use crate::base::Result;
 use crate::base::sort::sort_by;
@@ -452,7 +452,7 @@ pub fn match_part(part: PartialSide<'_>, whole: PartialSide<'_>, run: &Run) -> R
     let sampled = Sampled { sides, chosen, heat: &heat };
     let mut found = run.map_chunks(starts.len(), || (), |k, ()| Ok(sampled.evaluate(starts[k].clone())))?;
     let best = found.iter().map(|one| one.orientation).fold(f64::NEG_INFINITY, f64::max);
-    if best >= TELLING {
+    if best >= CONCLUSIVE_ORIENTATION {
         found.retain(|one| one.orientation >= 0.5 * best);
     }
     sort_by(&mut found, |x, y| x.rank().total_cmp(&y.rank()));

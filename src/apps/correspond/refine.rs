@@ -17,7 +17,7 @@
 //! Cost: constant. A step is a matrix product of k × both [`SAMPLES`], a tenth of a second at k = 100; each of the last
 //! three, with more sample points, takes a third of a second and 20 MB.
 
-use super::align::{Alignment, RIVAL, TELLING, procrustes, sample};
+use super::align::{Alignment, CONCLUSIVE_ORIENTATION, RIVAL, procrustes, sample};
 use super::functional::{Points, Targets, ToA, fit};
 use super::orientation::Tensor;
 use crate::base::Result;
@@ -398,7 +398,7 @@ pub fn refit(sides: [Refinable<'_>; 2], c: &DMatrix<f64>, pairs: &[(u32, u32)], 
 /// image better.
 fn oriented(mut all: Vec<Outcome>) -> Vec<Outcome> {
     let best = all.iter().filter_map(|one| one.orientation).fold(f64::NEG_INFINITY, f64::max);
-    if best >= TELLING {
+    if best >= CONCLUSIVE_ORIENTATION {
         all.retain(|one| one.orientation.is_none_or(|orientation| orientation >= 0.5 * best));
     }
     all

@@ -19,10 +19,10 @@ use super::ensemble::Superfaces;
 use super::matrix::Square;
 use std::collections::BTreeMap;
 
-/// Minimum mean of C across the boundaries between the parts of a component that stays whole.
-const NO_PLACE: f64 = 0.8;
-/// A boundary between two parts with a smaller mean than this has a place of its own.
-const A_PLACE: f64 = 0.6;
+/// Minimum mean of C, a probability, across all boundaries between the parts of a component that is joined.
+const MIN_MEAN_C: f64 = 0.8;
+/// Minimum mean of C across each of these boundaries: one with less has a place of its own.
+const MIN_BOUNDARY_C: f64 = 0.6;
 
 /// Joins the parts of each connected component that is cut at no place in particular. Returns labels (R) of the
 /// superfaces of `cells`, numbered by first appearance; C is R × R.
@@ -50,12 +50,12 @@ pub(super) fn without_arbitrary(
         let (all_c, all, no_place) = &mut sums[component as usize];
         *all_c += c;
         *all += length;
-        *no_place &= c >= A_PLACE * length;
+        *no_place &= c >= MIN_BOUNDARY_C * length;
     }
     let vectors = area_vectors(cells, &superfaces.of_cell, &component, count);
     let is_arbitrary = |&component: &u32| {
         let (c, all, no_place) = sums[component as usize];
-        all > 0. && c >= NO_PLACE * all && no_place && vectors[component as usize].is_closed()
+        all > 0. && c >= MIN_MEAN_C * all && no_place && vectors[component as usize].is_closed()
     };
     // A part may have pieces in other components, which keep its label.
     let most = majorities(&component, count, label, &superfaces.area);

@@ -28,22 +28,23 @@ use std::borrow::Borrow;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// Boundaries with a smaller mean of C are places to cut.
-const A_PLACE: f64 = 0.3;
+/// Minimum mean of C, a probability, across a boundary that may be dropped: one with less is a place to cut.
+const MIN_BOUNDARY_C: f64 = 0.3;
 /// Maximum mean distance of the moved surface from the nearest cells, by position and normal, in cell radii.
 const FITS: f64 = 0.82;
 /// Number of cells around a boundary that are moved.
 const CELLS: usize = 100;
-/// Least distance from the boundary within which cells are moved, in cell radii, and as a share of the radius of a
-/// circle of its length.
-const AROUND: (f64, f64) = (4.0, 0.5);
+/// Minimum distance from the boundary within which cells are moved, in cell radii.
+const MIN_REACH: f64 = 4.0;
+/// The same as a share of the radius of a circle as long as the boundary.
+const MIN_REACH_SHARE: f64 = 0.5;
 /// A stretch that reaches farther than this, in cell radii, is too long to be moved.
-const FARTHEST: f64 = 16.0;
+const MAX_REACH: f64 = 16.0;
 /// A stretch with more of its normals along one line is of a sheet or a plate: people cut arms off these, although arms
 /// look the same all along. Those of a round limb have a half, those of a plate four times as wide as thick .8.
 const FLAT: f64 = 0.7;
-/// Least number of places that look alike.
-const OFTEN: usize = 3;
+/// Minimum number of places that look alike.
+const MIN_PLACES: usize = 3;
 /// Steps of the distance from the boundary, in cell radii.
 const STEP: f64 = 1.0;
 /// Minimum share of a place that lies in one part if the place is not cut.
@@ -101,7 +102,7 @@ struct Alike<'a> {
 
 impl Alike<'_> {
     fn is_repeated(&self) -> bool {
-        !self.whole.is_empty() && self.c.len() >= OFTEN && self.c.iter().sum::<f64>() > HALF * self.c.len() as f64
+        !self.whole.is_empty() && self.c.len() >= MIN_PLACES && self.c.iter().sum::<f64>() > HALF * self.c.len() as f64
     }
 }
 
@@ -144,7 +145,7 @@ impl Repetition<'_> {
         let c: Vec<f64> = boundaries.iter().map(|(_, boundary)| boundary.mean(|pair| self.c(pair))).collect();
         let places = |k: usize, (): &mut ()| {
             let (parts, boundary) = &boundaries[k];
-            Ok(if c[k] < A_PLACE { Vec::new() } else { self.places(boundary, *parts, part, steps) })
+            Ok(if c[k] < MIN_BOUNDARY_C { Vec::new() } else { self.places(boundary, *parts, part, steps) })
         };
         let places = self.run.map_chunks(boundaries.len(), || (), places)?;
         // Boundaries at places that look alike, and such places that are not cut.
@@ -171,7 +172,7 @@ impl Repetition<'_> {
             }
         }
         let mut is_repeated = |k: usize| groups[alike.find(k as u32) as usize].is_repeated();
-        Ok((0..c.len()).filter(|&k| c[k] >= A_PLACE && is_repeated(k)).map(|k| boundaries[k].0).collect())
+        Ok((0..c.len()).filter(|&k| c[k] >= MIN_BOUNDARY_C && is_repeated(k)).map(|k| boundaries[k].0).collect())
     }
 
     /// The neighbours of each cell with their distances.
@@ -249,9 +250,9 @@ impl Repetition<'_> {
             .collect();
         let mut far: Vec<f64> = inside.iter().map(|&i| height[i as usize].abs()).collect();
         sort_by(&mut far, f64::total_cmp);
-        let reach = far.get(CELLS)?.max(AROUND.0 * radius).max(AROUND.1 * boundary.length() / TAU);
+        let reach = far.get(CELLS)?.max(MIN_REACH * radius).max(MIN_REACH_SHARE * boundary.length() / TAU);
         inside.retain(|&i| height[i as usize].abs() <= reach);
-        (reach <= FARTHEST * radius).then_some((inside, reach))
+        (reach <= MAX_REACH * radius).then_some((inside, reach))
     }
 }
 
