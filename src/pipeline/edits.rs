@@ -10,7 +10,7 @@ use crate::base::printable::counted;
 use crate::base::sort::map_of;
 use crate::base::tally::tally;
 use crate::base::{Error, Result};
-use crate::cluster::parts::cell_graph::compact;
+use crate::cluster::parts::cell_labels::compact;
 use crate::cluster::parts::hints::{Affinities, Conflict, Hints};
 use crate::cluster::parts::{PartCount, PartTree, TreeCut};
 use crate::graph::NodeOrder;

@@ -14,7 +14,8 @@
 //! Cost: R² for each patch, of which there are at most a dozen.
 
 use super::agreement::{confidence, of_boundaries};
-use super::cell_graph::{CellGraph, class_sums, compact};
+use super::cell_graph::CellGraph;
+use super::cell_labels::{class_sums, compact};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
 

@@ -14,7 +14,8 @@
 //! Cost: a pass over the boundaries between cells.
 
 use super::area_vectors::area_vectors;
-use super::cell_graph::{CellGraph, compact, connected_pieces, majorities};
+use super::cell_graph::CellGraph;
+use super::cell_labels::{compact, connected_pieces, majorities};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
 use std::collections::BTreeMap;

@@ -7,7 +7,8 @@
 //! comparison.
 
 use super::answer::PartDecision;
-use super::cell_graph::{CellGraph, compact};
+use super::cell_graph::CellGraph;
+use super::cell_labels::compact;
 use super::ensemble::{
     MeasuredSuperfaces, OverSegmentation, OverSegmentationParams, comparison_embedding, draw_ensemble,
 };

@@ -8,7 +8,8 @@
 use super::ambiguous::without_ambiguous;
 use super::answer::PartDecision;
 use super::arbitrary_cuts::without_arbitrary;
-use super::cell_graph::{CellGraph, class_sums, majorities};
+use super::cell_graph::CellGraph;
+use super::cell_labels::{class_sums, majorities};
 use super::ensemble::Superfaces;
 use super::interior::enclosed::Layers;
 use super::interior::layered::{self, CoAssociation};

@@ -8,8 +8,9 @@
 //!
 //! Cost: constant in the size of the mesh; 8 R² bytes.
 
-use super::cell_graph::{CellGraph, class_sums, connected_pieces, intersect, join_small};
+use super::cell_graph::CellGraph;
 use super::cell_kmeans::CellKMeans;
+use super::cell_labels::{class_sums, connected_pieces, intersect, join_small};
 use super::convexity::{PairSums, WIDTHS, convexity};
 use super::folding::log_folding;
 use super::inflation::Inflated;

@@ -6,7 +6,8 @@
 //! cells. Numbers are stored in single precision, which round-trips through decimal text. Memory: some 50 bytes per
 //! cell. A cut is O(S + m).
 
-use super::cell_graph::{CellGraph, compact, small_parts};
+use super::cell_graph::CellGraph;
+use super::cell_labels::{compact, small_parts};
 use crate::base::printable::counted;
 use crate::base::sort::sort_by;
 use crate::base::union_find::Forest;

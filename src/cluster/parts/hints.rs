@@ -12,7 +12,8 @@
 //!
 //! Cost: for each superface with hints, one shortest-path search over the cells of a divided part; milliseconds.
 
-use super::cell_graph::{CellGraph, class_sums, compact, connected_pieces};
+use super::cell_graph::CellGraph;
+use super::cell_labels::{class_sums, compact, connected_pieces};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
 use crate::base::dijkstra::shortest_paths;

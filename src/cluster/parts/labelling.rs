@@ -16,7 +16,8 @@
 //! Cost for R superfaces, a few hundred, two thousand under strong noise: R² per round of moves; C, and an R × R matrix
 //! for each thread that the budget has room for.
 
-use super::cell_graph::{CellGraph, class_sums, compact};
+use super::cell_graph::CellGraph;
+use super::cell_labels::{class_sums, compact};
 use super::ensemble::Superfaces;
 use super::hierarchy::{CellUnion, HALF, PartTree};
 use super::linkage::{Linkage, LinkageRank};

@@ -29,6 +29,7 @@ mod arbitrary_cuts;
 mod area_vectors;
 pub mod cell_graph;
 pub mod cell_kmeans;
+pub mod cell_labels;
 pub mod consensus;
 pub mod convexity;
 mod decide;
@@ -125,7 +126,7 @@ impl Default for PartsParams {
             count: PartCount::default(),
             detail: 0.0,
             ensemble_size: 12,
-            small_part: cell_graph::SMALL_PART,
+            small_part: cell_labels::SMALL_PART,
         }
     }
 }

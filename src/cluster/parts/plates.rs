@@ -9,7 +9,8 @@
 //! Cost for S cells and R superfaces: moments of the cells, and of a plate S² distances and R² times the overlaps with
 //! opposite superfaces: some milliseconds. One matrix of R × R.
 
-use super::cell_graph::{CellGraph, connected_pieces};
+use super::cell_graph::CellGraph;
+use super::cell_labels::connected_pieces;
 use super::matrix::Square;
 use super::symmetry::mirror_images::{CellImages, superface_images};
 use super::thickness::tangents;

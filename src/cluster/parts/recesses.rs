@@ -14,7 +14,8 @@
 //! Cost: two passes over cells and pairs, and two more for each recess.
 
 use super::area_vectors::{AreaVector, area_vectors};
-use super::cell_graph::{CellGraph, compact, connected_pieces};
+use super::cell_graph::CellGraph;
+use super::cell_labels::{compact, connected_pieces};
 use super::ensemble::Superfaces;
 use crate::base::vector::{add_scaled, dot, length};
 use std::collections::BTreeSet;

@@ -4,7 +4,8 @@
 //! of thousands of loose pieces has at least as many regions; sums over all pairs of these took 2 GB. Cost: 12 bytes
 //! per region, and 24 per piece.
 
-use super::cell_graph::{CellGraph, compact};
+use super::cell_graph::CellGraph;
+use super::cell_labels::compact;
 use crate::base::union_find::Forest;
 
 /// Connected pieces of regions, ordered by their first region, and the regions of each, ascending.

@@ -13,7 +13,8 @@
 //! Cost: some milliseconds for each boundary whose C is not small: two rows of distances over the cells, and searches
 //! for some points each at the places where as much surface lies as at the boundary, more where these fit.
 
-use super::cell_graph::{CellGraph, compact, majorities};
+use super::cell_graph::CellGraph;
+use super::cell_labels::{compact, majorities};
 use super::ensemble::Superfaces;
 use super::hierarchy::HALF;
 use super::matrix::Square;

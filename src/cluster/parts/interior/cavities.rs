@@ -12,7 +12,8 @@
 
 use super::exposure::{dark_pieces, exposure_behind_others};
 use crate::base::Result;
-use crate::cluster::parts::cell_graph::{CellGraph, class_sums, connected_pieces};
+use crate::cluster::parts::cell_graph::CellGraph;
+use crate::cluster::parts::cell_labels::{class_sums, connected_pieces};
 use crate::store::run::Run;
 use std::f64::consts::PI;
 

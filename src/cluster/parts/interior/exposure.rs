@@ -10,7 +10,8 @@
 
 use crate::base::Result;
 use crate::base::vector::{MapEach, dot, unit};
-use crate::cluster::parts::cell_graph::{CellGraph, class_sums};
+use crate::cluster::parts::cell_graph::CellGraph;
+use crate::cluster::parts::cell_labels::class_sums;
 use crate::cluster::parts::thickness::tangents;
 use crate::store::run::Run;
 

@@ -7,7 +7,8 @@
 
 use super::enclosed::Layers;
 use crate::base::{Error, Result};
-use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact};
+use crate::cluster::parts::cell_graph::CellGraph;
+use crate::cluster::parts::cell_labels::{class_sums, compact};
 use crate::cluster::parts::ensemble::{self, Superfaces, measured_ensemble};
 use crate::cluster::parts::matrix::Square;
 use crate::cluster::parts::merges::MergeModel;

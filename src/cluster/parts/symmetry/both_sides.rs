@@ -11,7 +11,7 @@
 use super::mirror_images::{CellImages, superface_images};
 use crate::base::sort::order_by;
 use crate::base::vector::MapEach;
-use crate::cluster::parts::cell_graph::{class_sums, compact};
+use crate::cluster::parts::cell_labels::{class_sums, compact};
 use crate::cluster::parts::ensemble::Superfaces;
 use crate::cluster::parts::hierarchy::HALF;
 use crate::cluster::parts::matrix::Square;

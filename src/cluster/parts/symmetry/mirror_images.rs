@@ -8,7 +8,8 @@
 use crate::base::tally::add_weight;
 use crate::base::vector::axpy;
 use crate::cluster::mirror::{NearestPoint, PointSet, SurfacePoint, mirror_planes};
-use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact, intersect};
+use crate::cluster::parts::cell_graph::CellGraph;
+use crate::cluster::parts::cell_labels::{class_sums, compact, intersect};
 use crate::cluster::parts::matrix::Square;
 use crate::spectral::exp::exp64;
 

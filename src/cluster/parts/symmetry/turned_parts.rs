@@ -10,7 +10,8 @@
 
 use super::mirror_images::{CellImages, superface_images};
 use crate::base::union_find::Forest;
-use crate::cluster::parts::cell_graph::{CellGraph, class_sums, compact};
+use crate::cluster::parts::cell_graph::CellGraph;
+use crate::cluster::parts::cell_labels::{class_sums, compact};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
