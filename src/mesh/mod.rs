@@ -8,6 +8,7 @@
 
 pub(crate) mod duplicates;
 pub mod extent;
+pub mod faces;
 pub mod geometry;
 pub mod import;
 pub(crate) mod long_edges;
@@ -22,7 +23,8 @@ pub mod size;
 pub mod split_faces;
 pub mod strays;
 
-pub use geometry::{Coordinate, Faces, Mesh};
+pub use faces::Faces;
+pub use geometry::{Coordinate, Mesh};
 pub use open::{Pipe, open, open_reader};
 pub use output::ends_with;
 pub use ply::document::Document;

@@ -5,7 +5,8 @@
 //! without reading ahead, and their pages are requested before the first of them is used: the disk then serves them
 //! together. Cost: one system call per face or vertex that is requested.
 
-use super::geometry::{Faces, Mesh};
+use super::faces::Faces;
+use super::geometry::Mesh;
 use super::positions::{Positions, StridedLayout};
 use crate::store::Run;
 use crate::store::mapped::{Access, advise, will_need};
