@@ -1,8 +1,9 @@
 //! Python bindings: meshes, and functions over them that return arrays and JSON.
 //!
-//! All goes through the library's front door ([`nystrom_stream::Segmenter`] and its like). Arrays are copied once, and of them nothing
-//! is written where memory allows. Python's lock is given up while the library works, and taken now and then for the progress
-//! callback and for Ctrl-C ([`listener`]). The package in `python/nystrom_stream` turns this into classes and functions with signatures.
+//! All goes through the API at the root of the library ([`nystrom_stream::Segmenter`] and its like). Arrays are copied
+//! once, and of them nothing is written where memory allows. Python's lock is given up while the library works, and taken
+//! now and then for the progress callback and for Ctrl-C ([`listener`]). The package in `python/nystrom_stream` turns this
+//! into classes and functions with signatures.
 
 mod arrays;
 mod correspond;

@@ -2,8 +2,8 @@
 #![allow(dead_code)]
 
 pub mod oracle;
+pub mod shapes;
 pub mod squares;
-pub mod zoo;
 
 use nystrom_stream::apps::creature::{Creature, Options};
 use nystrom_stream::mesh::Mesh;

@@ -1,6 +1,6 @@
 //! Bodies with an inside: a hollow shape is cut like the solid one, and its walls follow.
 
-use crate::common::zoo;
+use crate::common::shapes;
 use nystrom_stream::pipeline::Walls;
 use nystrom_stream::{Mesh, Segmenter};
 
@@ -17,7 +17,7 @@ fn dumbbell(x: f64) -> f64 {
 /// The surface of revolution through `profile`, closed at the x of its ends.
 fn revolved(profile: &[[f64; 2]], sides: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let ends = [profile[0][0], profile[profile.len() - 1][0]];
-    let shape = zoo::revolved("revolved", ends, profile, sides);
+    let shape = shapes::revolved("revolved", ends, profile, sides);
     let triangle = |face: &Vec<u32>| [face[0], face[1], face[2]];
     (shape.vertices, shape.faces.iter().map(triangle).collect())
 }

@@ -1,6 +1,6 @@
 //! The fast ways against slow, obvious ones: graph, weights, fronts, landmarks, embeddings, Γ.
 
-use crate::common::zoo::{self, Shape};
+use crate::common::shapes::{self, Shape};
 use crate::common::{self, oracle, stride};
 use nalgebra::{DMatrix, DVector};
 use nystrom_stream::base::random::{below, stream, unit};
@@ -66,9 +66,9 @@ impl Built {
     }
 }
 
-/// The test meshes small enough for slow algorithms, and those of the zoo.
+/// The test meshes small enough for slow algorithms, and all shapes made in code.
 fn meshes() -> Vec<(String, Built)> {
-    let mut all: Vec<_> = zoo::all().iter().map(|shape| (shape.name.to_string(), build(shape))).collect();
+    let mut all: Vec<_> = shapes::all().iter().map(|shape| (shape.name.to_string(), build(shape))).collect();
     if let Some(data) = common::data() {
         for name in ["real/horse_4k.ply", "nasty/dragon_res4_11k.ply", "nasty/doorman.ply", "nasty/abominevole.ply"] {
             let open = |folder: &Path| mesh::open(&data.join(name), folder, &Run::new(&())).unwrap();
@@ -333,7 +333,7 @@ fn landmarks_and_rows_equal_the_plain_algorithm() {
 /// has kept all rows, and only fronts asked for the stop flag.
 #[test]
 fn a_greedy_search_ends_when_it_is_cancelled() {
-    let built = build(&zoo::grid(5));
+    let built = build(&shapes::grid(5));
     let weighted = built.weighted(Metric::default());
     let graph = weighted.csr();
     for sampling in [Sampling::Greedy, Sampling::PooledGreedy] {
@@ -354,7 +354,7 @@ fn a_greedy_search_ends_when_it_is_cancelled() {
 #[test]
 fn rows_are_the_same_whatever_the_threads_and_the_memory() {
     // Three blocks of pages and a bit.
-    let shape = zoo::grid(160);
+    let shape = shapes::grid(160);
     let make = |_: &Path| Mesh::from_slices(&shape.vertices, &shape.faces).unwrap();
     let mut first: Option<(Vec<u32>, Vec<u32>, Vec<u32>)> = None;
     for (threads, megabytes, resident) in
@@ -703,7 +703,7 @@ fn lopsided() -> Vec<(&'static str, Built)> {
         shape.vertices.iter_mut().for_each(|[x, y, z]| *y += 0.3 * *x * *x + 0.1 * *z * *x);
         shape
     };
-    vec![("dumbbell", build(&bent(zoo::dumbbell()))), ("grid", build(&bent(zoo::grid(12))))]
+    vec![("dumbbell", build(&bent(shapes::dumbbell()))), ("grid", build(&bent(shapes::grid(12))))]
 }
 
 /// Affinities of all faces with the landmarks (n × l) and among the landmarks (l × l).
@@ -943,7 +943,7 @@ fn rows_agree_with_scipy() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
-    let mut paths = vec![common::creature(dir.path(), 20_000, false), zoo::dumbbell().write(dir.path())];
+    let mut paths = vec![common::creature(dir.path(), 20_000, false), shapes::dumbbell().write(dir.path())];
     if let Some(data) = common::data() {
         paths.extend(["real/kitten_25k.ply", "nasty/dragon_res4_11k.ply"].map(|name| data.join(name)));
     }

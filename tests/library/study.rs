@@ -202,7 +202,7 @@ struct Small {
 fn small(metric: Metric, matrix: usize) -> Small {
     let dir = tempfile::tempdir().unwrap();
     let run = Run { threads: 2, ..Run::new(&()) };
-    let path = common::zoo::dumbbell().write(dir.path());
+    let path = common::shapes::dumbbell().write(dir.path());
     let work = WorkDir::temporary(dir.path()).unwrap();
     let opened = nystrom_stream::mesh::open(&path, work.path(), &run).unwrap();
     let params = StudyParams::default().metric(metric).matrix(matrix).held_out(60).lengths(true).over(Over::Faces);
@@ -392,7 +392,7 @@ fn the_orthogonalised_embedding_converges_where_the_plain_one_stalls() {
     let bounds = [0.2, 0.05, 0.04, 0.015];
     // Between vertices, through triangles: what a small sample misses is not the paths' zigzag.
     let dir = tempfile::tempdir().unwrap();
-    let path = common::zoo::dumbbell().write(dir.path());
+    let path = common::shapes::dumbbell().write(dir.path());
     let work = WorkDir::temporary(dir.path()).unwrap();
     let opened = nystrom_stream::mesh::open(&path, work.path(), &small.run).unwrap();
     let params = StudyParams::default().over(Over::Vertices);
@@ -425,9 +425,9 @@ fn meshes_of_one_name_are_compared_each_with_itself() {
     let dir = tempfile::tempdir().unwrap();
     let folders = ["a", "b"].map(|name| dir.path().join(name));
     folders.iter().for_each(|folder| std::fs::create_dir(folder).unwrap());
-    let first = common::zoo::dumbbell().write(&folders[0]);
+    let first = common::shapes::dumbbell().write(&folders[0]);
     let second = folders[1].join(first.file_name().unwrap());
-    std::fs::copy(common::zoo::moebius(20).write(dir.path()), &second).unwrap();
+    std::fs::copy(common::shapes::moebius(20).write(dir.path()), &second).unwrap();
     let other = dir.path().join("other.ply");
     std::fs::copy(&second, &other).unwrap();
     let compared = |second: &Path| {
@@ -445,7 +445,7 @@ fn meshes_of_one_name_are_compared_each_with_itself() {
 #[test]
 fn the_commands_tell_compare_and_draw() {
     let dir = tempfile::tempdir().unwrap();
-    let mesh = common::zoo::dumbbell().write(dir.path());
+    let mesh = common::shapes::dumbbell().write(dir.path());
     let path = |name: &str| dir.path().join(name);
     let run = |words: &[&str]| {
         let output = common::run(words);

@@ -1,6 +1,6 @@
 //! `segment` of many meshes: files, folders and patterns; jobs, a table, JSON lines, going on and taking up again.
 
-use crate::common::{self, errors, names, ok, program, refused, run, word, zoo};
+use crate::common::{self, errors, names, ok, program, refused, run, shapes, word};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -10,11 +10,11 @@ fn folder() -> (tempfile::TempDir, PathBuf) {
     let dir = common::in_memory();
     let meshes = dir.path().join("meshes");
     std::fs::create_dir(&meshes).unwrap();
-    zoo::dumbbell().write(&meshes);
-    zoo::moebius(30).write(&meshes);
-    zoo::grid(9).write(&meshes);
+    shapes::dumbbell().write(&meshes);
+    shapes::moebius(30).write(&meshes);
+    shapes::grid(9).write(&meshes);
     common::creature(&meshes, 4_000, false);
-    zoo::grid(5).write(dir.path());
+    shapes::grid(5).write(dir.path());
     std::fs::copy(dir.path().join("grid.ply"), meshes.join("old.segmented.ply")).unwrap();
     std::fs::write(meshes.join("notes.txt"), "no mesh").unwrap();
     std::fs::write(meshes.join("bad.ply"), "ply\n").unwrap();
@@ -118,7 +118,7 @@ fn finished_outputs_are_skipped_on_request() {
     batch(&meshes, &out, &["--resume", "-q"]);
     // A mesh that changed since is done again.
     std::thread::sleep(std::time::Duration::from_millis(20));
-    zoo::moebius(40).write(&meshes);
+    shapes::moebius(40).write(&meshes);
     let output = batch(&meshes, &out, &["--resume", "--json-lines", "-q"]);
     assert_eq!(lines(&output.stdout).iter().filter(|line| line["skipped"] != true).count(), 2);
     assert_eq!(nystrom_stream::mesh::read_seg(&out.join("moebius.seg")).unwrap().len(), 80);
@@ -158,7 +158,7 @@ fn reports_of_skipped_meshes_stay() {
 #[test]
 fn what_another_batch_works_on_is_skipped_on_request() {
     let dir = common::in_memory();
-    let meshes = [zoo::grid(9).write(dir.path()), zoo::dumbbell().write(dir.path())];
+    let meshes = [shapes::grid(9).write(dir.path()), shapes::dumbbell().write(dir.path())];
     let out = dir.path().join("{}.seg");
     let again = |words: &[&str]| {
         let words = [&["segment", word(&meshes[0]), word(&meshes[1]), "-k", "2", "-o", word(&out)], words].concat();
@@ -221,7 +221,7 @@ fn a_mesh_of_the_same_ends_that_takes_the_place_of_another_is_done_again() {
 #[test]
 fn a_mesh_from_the_future_is_skipped_once_it_is_done() {
     let dir = common::in_memory();
-    let (mesh, out) = (zoo::dumbbell().write(dir.path()), dir.path().join("out.seg"));
+    let (mesh, out) = (shapes::dumbbell().write(dir.path()), dir.path().join("out.seg"));
     let future = std::time::SystemTime::now() + std::time::Duration::from_secs(86_400);
     let again = || {
         std::fs::File::options().write(true).open(&mesh).unwrap().set_modified(future).unwrap();
@@ -231,7 +231,7 @@ fn a_mesh_from_the_future_is_skipped_once_it_is_done() {
     assert!(again().contains("1 done, 0 failed, in "));
     assert!(again().contains("1 skipped"));
     // Another mesh at this path is still cut.
-    std::fs::copy(zoo::grid(9).write(dir.path()), &mesh).unwrap();
+    std::fs::copy(shapes::grid(9).write(dir.path()), &mesh).unwrap();
     assert!(again().contains("1 done, 0 failed, in "));
 }
 
@@ -239,7 +239,7 @@ fn a_mesh_from_the_future_is_skipped_once_it_is_done() {
 #[test]
 fn a_folder_of_parts_is_skipped_if_it_is_whole() {
     let dir = common::in_memory();
-    let meshes = [zoo::dumbbell().write(dir.path()), zoo::grid(9).write(dir.path())];
+    let meshes = [shapes::dumbbell().write(dir.path()), shapes::grid(9).write(dir.path())];
     let pattern = format!("{}/{{}}.parts/", word(dir.path()));
     let again = || {
         let output = run(&["segment", word(&meshes[0]), word(&meshes[1]), "-k", "2", "--resume", "-o", &pattern]);
@@ -267,8 +267,8 @@ fn a_folder_of_parts_is_skipped_if_it_is_whole() {
 #[test]
 fn what_a_failed_or_killed_run_leaves_in_the_folder_of_the_meshes_is_no_mesh() {
     let dir = common::in_memory();
-    let grid = zoo::grid(9).write(dir.path());
-    zoo::dumbbell().write(dir.path());
+    let grid = shapes::grid(9).write(dir.path());
+    shapes::dumbbell().write(dir.path());
     let pattern = dir.path().join("{}.cut.ply");
     let again = |words: &[&str]| {
         let words = [&["segment", word(dir.path()), "-k", "2", "--resume", "-o", word(&pattern)], words].concat();
@@ -312,7 +312,8 @@ fn a_failed_mesh_leaves_no_folder_of_records() {
 #[test]
 fn every_mesh_that_is_done_has_its_line() {
     let dir = common::in_memory();
-    let (mesh, out, file) = (zoo::grid(9).write(dir.path()), dir.path().join("{}.seg"), dir.path().join("all.jsonl"));
+    let (mesh, out, file) =
+        (shapes::grid(9).write(dir.path()), dir.path().join("{}.seg"), dir.path().join("all.jsonl"));
     let again = |lines: &Path| {
         let lines = format!("--json-lines={}", word(lines));
         run(&["segment", word(&mesh), "-k", "2", "-q", "--resume", &lines, "-o", word(&out)])
@@ -345,7 +346,7 @@ fn every_mesh_that_is_done_has_its_line() {
 #[test]
 fn a_folder_of_outputs_alone_is_told_of() {
     let dir = common::in_memory();
-    zoo::grid(5).write(dir.path());
+    shapes::grid(5).write(dir.path());
     std::fs::rename(dir.path().join("grid.ply"), dir.path().join("grid.segmented.ply")).unwrap();
     for path in [dir.path().to_path_buf(), dir.path().join("*.ply")] {
         refused(&["segment", word(&path)], 1, "all meshes here are outputs of this program");
@@ -362,7 +363,7 @@ fn a_folder_that_cannot_be_listed_fails_and_the_rest_is_done() {
     let (open, closed) = (dir.path().join("open"), dir.path().join("closed"));
     for folder in [&open, &closed] {
         std::fs::create_dir(folder).unwrap();
-        zoo::grid(5).write(folder);
+        shapes::grid(5).write(folder);
     }
     let mode = |path: &Path, mode| std::fs::set_permissions(path, PermissionsExt::from_mode(mode)).unwrap();
     [dir.path(), &open].into_iter().for_each(|folder| mode(folder, 0o777));
@@ -406,8 +407,8 @@ fn a_folder_that_cannot_be_listed_fails_and_the_rest_is_done() {
 #[test]
 fn a_pattern_over_all_folders_skips_folders_of_parts() {
     let dir = common::in_memory();
-    zoo::grid(9).write(dir.path());
-    zoo::dumbbell().write(dir.path());
+    shapes::grid(9).write(dir.path());
+    shapes::dumbbell().write(dir.path());
     let (all, parts) = (dir.path().join("**/*.ply"), format!("{}/{{}}.parts/", word(dir.path())));
     let cut = |pattern: &Path, words: &[&str]| {
         errors(&run(&[&["segment", word(pattern), "-k", "2"], words].concat())).lines().next_back().unwrap().to_string()

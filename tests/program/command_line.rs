@@ -1,7 +1,7 @@
 //! The command line end to end: where results go, what is refused and how, and that the same bytes come out
 //! whatever the threads, the memory and the way in.
 
-use crate::common::{self, errors, json, names, ok, program, refused, run, segment, word, zoo};
+use crate::common::{self, errors, json, names, ok, program, refused, run, segment, shapes, word};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -22,7 +22,7 @@ fn with_input(words: &[&str], input: &[u8]) -> Output {
 #[test]
 fn without_an_output_the_labelled_mesh_lies_beside_the_input_and_nothing_else() {
     let dir = common::in_memory();
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let output = segment(&mesh, &["-k", "3"]);
     assert!(output.stdout.is_empty());
     assert_eq!(names(dir.path()), ["dumbbell.ply", "dumbbell.segmented.ply"]);
@@ -41,7 +41,7 @@ fn without_an_output_the_labelled_mesh_lies_beside_the_input_and_nothing_else() 
 #[test]
 fn every_output_form_holds_the_same_labels() {
     let dir = common::in_memory();
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let file = |name: &str| dir.path().join(name);
     let (ply, seg, npy, report) = (file("a.ply"), file("b.SEG"), file("c.npy"), file("d.json"));
     let json = format!("--json={}", word(&report));
@@ -51,7 +51,7 @@ fn every_output_form_holds_the_same_labels() {
     assert_eq!(shape, [labels.len() as u64]);
     assert_eq!(array[..], labels);
     let text = std::fs::read_to_string(&ply).unwrap();
-    let first_face = text.lines().skip_while(|line| *line != "end_header").nth(1 + zoo::dumbbell().vertices.len());
+    let first_face = text.lines().skip_while(|line| *line != "end_header").nth(1 + shapes::dumbbell().vertices.len());
     let words: Vec<&str> = first_face.unwrap().split(' ').collect();
     assert_eq!((words.len(), words[4]), (9, &labels[0].to_string()[..]));
     let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
@@ -96,7 +96,7 @@ fn standard_input_and_output_carry_the_same_mesh_as_files() {
 #[test]
 fn several_meshes_go_on_when_one_fails() {
     let dir = common::in_memory();
-    let (a, b) = (zoo::dumbbell().write(dir.path()), zoo::moebius(30).write(dir.path()));
+    let (a, b) = (shapes::dumbbell().write(dir.path()), shapes::moebius(30).write(dir.path()));
     let (bad, json) = (dir.path().join("bad.ply"), dir.path().join("reports.json"));
     std::fs::write(&bad, "ply\n").unwrap();
     let output = run(&["segment", word(&a), word(&bad), word(&b), "-q", "-k", "2", &format!("--json={}", word(&json))]);
@@ -109,13 +109,13 @@ fn several_meshes_go_on_when_one_fails() {
     assert_eq!(names(dir.path()), expected);
     let reports: Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
     let faces: Vec<_> = reports.as_array().unwrap().iter().map(|report| &report["input"]["faces"]).collect();
-    assert_eq!(faces, [zoo::dumbbell().faces.len(), 60]);
+    assert_eq!(faces, [shapes::dumbbell().faces.len(), 60]);
 }
 
 #[test]
 fn refusals_are_one_line_with_file_and_remedy_and_code_1() {
     let dir = common::in_memory();
-    let mesh = zoo::tetrahedron().write(dir.path());
+    let mesh = shapes::tetrahedron().write(dir.path());
     let file = |name: &str, content: &[u8]| {
         let path = dir.path().join(name);
         std::fs::write(&path, content).unwrap();
@@ -183,7 +183,7 @@ fn help_that_cannot_be_written_is_an_error() {
 #[test]
 fn misuse_ends_with_code_2_and_says_what_is_right() {
     let dir = common::in_memory();
-    let mesh = zoo::tetrahedron().write(dir.path());
+    let mesh = shapes::tetrahedron().write(dir.path());
     let mesh = word(&mesh);
     for (words, part) in [
         (&["segment", mesh, "--cluster", "kmeans"][..], "-k: K-means needs the number of parts; give it, as in -k 6"),
@@ -387,7 +387,7 @@ fn a_work_directory_is_filled_with_arrays_and_used_again() {
     let (back, told) = cut(&["-k", "4", "-l", "12"]);
     assert!(back == first && !told.contains("weights: reused"), "{told}");
     // A changed input is not mistaken for the old one, nor is what is kept of that lost.
-    let dumbbell = zoo::dumbbell().write(dir.path());
+    let dumbbell = shapes::dumbbell().write(dir.path());
     std::fs::copy(&dumbbell, &mesh).unwrap();
     let kept = std::fs::read(work.join("manifest.json")).unwrap();
     for (mesh, whose) in [(&mesh, "belongs to an earlier version of "), (&dumbbell, "belongs to another mesh, ")] {
@@ -661,7 +661,7 @@ fn cluster_keeps_the_options_that_are_not_given_again() {
 #[test]
 fn an_output_is_never_the_mesh_itself_and_braces_stand_for_its_name() {
     let dir = common::in_memory();
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let before = std::fs::read(&mesh).unwrap();
     let misused = |words: &[&str], problem: &str| {
         refused(words, 2, problem);
@@ -682,7 +682,7 @@ fn an_output_is_never_the_mesh_itself_and_braces_stand_for_its_name() {
 #[test]
 fn no_folder_is_made_for_a_mesh_that_is_not_there() {
     let dir = common::in_memory();
-    let mesh = zoo::tetrahedron().write(dir.path());
+    let mesh = shapes::tetrahedron().write(dir.path());
     let (absent, work) = (dir.path().join("absent.ply"), dir.path().join("work"));
     let kept = ["--work-dir", word(&work)];
     let picture = dir.path().join("x.png");
@@ -702,7 +702,7 @@ fn no_folder_is_made_for_a_mesh_that_is_not_there() {
 #[test]
 fn no_folder_stays_of_a_run_that_fails_at_once() {
     let dir = common::in_memory();
-    let mesh = zoo::tetrahedron().write(dir.path());
+    let mesh = shapes::tetrahedron().write(dir.path());
     let (bad, work) = (dir.path().join("bad.ply"), dir.path().join("deep/work"));
     std::fs::write(&bad, "no mesh").unwrap();
     for words in [
@@ -735,7 +735,7 @@ fn no_decoded_mesh_stays_without_a_use() {
         assert_eq!(names(dir.path()), ["mesh.off"], "{file}: {}", errors(&output));
     }
     // Nor does that of a mesh which may not use the directory, or which another one replaces.
-    let other = zoo::tetrahedron().write(dir.path());
+    let other = shapes::tetrahedron().write(dir.path());
     let decoded = || ["input", "input.ply", "converted.ply"].map(|name| work.join(name).exists());
     segment(&other, &kept);
     let piped = [&["segment", "-"], &kept[..]].concat();
@@ -752,7 +752,7 @@ fn no_decoded_mesh_stays_without_a_use() {
 #[test]
 fn outputs_that_cannot_be_written_are_told_before_any_work() {
     let dir = common::in_memory();
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let (work, labels) = (dir.path().join("work"), dir.path().join("labels.seg"));
     segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work), "-o", word(&labels)]);
     let (mesh, work, new) = (word(&mesh), word(&work), dir.path().join("new"));
@@ -795,7 +795,7 @@ fn what_is_told_of_a_mesh_of_one_face_is_so() {
 #[test]
 fn what_cluster_leaves_is_said_with_where_and_how_to_get_a_mesh() {
     let dir = common::in_memory();
-    let (mesh, work) = (zoo::dumbbell().write(dir.path()), dir.path().join("staged"));
+    let (mesh, work) = (shapes::dumbbell().write(dir.path()), dir.path().join("staged"));
     ok(&["graph", word(&mesh), "-q", "--work-dir", word(&work)]);
     let output = run(&["cluster", "-k", "2", "--work-dir", word(&work)]);
     let told = String::from_utf8(output.stdout).unwrap();
@@ -812,7 +812,7 @@ fn what_cluster_leaves_is_said_with_where_and_how_to_get_a_mesh() {
 fn outputs_replace_no_mesh_and_no_folder() {
     let dir = common::in_memory();
     let path = |name: &str| dir.path().join(name);
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let (work, scan) = (path("work"), path("scan.ply.partial"));
     segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work), "-o", word(&path("labels.seg"))]);
     std::fs::rename(&mesh, &scan).unwrap();
@@ -853,7 +853,7 @@ fn folders_and_several_files_are_looked_at_before_any_work() {
         assert!(output.status.code() == Some(code) && told.contains(problem), "{words:?}: {told}");
         assert!(!told.contains("dual graph") && !told.contains("reading"), "{words:?} worked first: {told}");
     };
-    zoo::dumbbell().write(dir.path());
+    shapes::dumbbell().write(dir.path());
     let mesh = "dumbbell.ply";
     std::fs::create_dir(path("parts")).unwrap();
     for other in ["./parts/", "parts/../parts/"] {
@@ -900,7 +900,7 @@ fn folders_and_several_files_are_looked_at_before_any_work() {
 #[test]
 fn files_that_people_write_are_refused_where_they_are_huge() {
     let dir = common::in_memory();
-    let (mesh, huge) = (zoo::dumbbell().write(dir.path()), dir.path().join("huge"));
+    let (mesh, huge) = (shapes::dumbbell().write(dir.path()), dir.path().join("huge"));
     std::fs::File::create(&huge).unwrap().set_len(1 << 30).unwrap();
     for option in ["--edits", "--names"] {
         refused(

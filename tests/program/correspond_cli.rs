@@ -1,6 +1,6 @@
 //! `correspond` and `evaluate --matches` as a user runs them.
 
-use crate::common::{self, errors, json, ok, program, refused, word, zoo};
+use crate::common::{self, errors, json, ok, program, refused, shapes, word};
 use nystrom_stream::apps::correspond::Match;
 use nystrom_stream::base::random::{below, stream};
 use nystrom_stream::mesh;
@@ -207,10 +207,10 @@ fn a_mirror_image_is_matched_with_its_own_side_turned() {
 #[test]
 fn a_symmetric_shape_stays_ambiguous_when_landmarks_are_transferred() {
     let dir = common::in_memory();
-    let mut rough = zoo::dumbbell();
+    let mut rough = shapes::dumbbell();
     rough.name = "rough";
     rough.vertices.iter_mut().flatten().zip(0u32..).for_each(|(x, k)| *x += 0.01 * f64::from(37 * k).sin());
-    let (a, b) = (rough.write(dir.path()), zoo::dumbbell().write(dir.path()));
+    let (a, b) = (rough.write(dir.path()), shapes::dumbbell().write(dir.path()));
     let [first, second] = ["0", "1"].map(|alternative| {
         let out = dir.path().join(format!("{alternative}.npy"));
         let words = ["correspond", word(&a), word(&b), "-q", "--json", "--transfer", "-o", word(&out)];
@@ -261,7 +261,7 @@ fn what_makes_no_sense_is_refused_in_a_line() {
     }
     // Regression: it "cannot be segmented", which nobody had asked for.
     let points = dir.path().join("points.ply");
-    let text = std::fs::read_to_string(zoo::tetrahedron().write(dir.path())).unwrap();
+    let text = std::fs::read_to_string(shapes::tetrahedron().write(dir.path())).unwrap();
     std::fs::write(&points, text.replace("face 4", "face 0")).unwrap();
     let problem = "points.ply: has no faces; a surface is needed, not a point cloud; reconstruct";
     refused(&["correspond", word(&points), word(&b), "-o", out], 1, problem);
@@ -307,7 +307,7 @@ fn a_missing_property_is_told_before_anything_is_matched() {
 fn a_mesh_without_area_is_refused_by_name() {
     let (dir, a, b) = files();
     permuted(&a, &b, false);
-    let mut point = zoo::grid(9);
+    let mut point = shapes::grid(9);
     point.vertices.iter_mut().for_each(|v| *v = [1., 2., 3.]);
     let (point, out) = (point.write(dir.path()), dir.path().join("m.npy"));
     for (a, b) in [(&point, &b), (&a, &point)] {

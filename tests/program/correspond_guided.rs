@@ -1,7 +1,7 @@
 //! `correspond` with what the user knows, what it writes for other programs, and parts.
 
 use super::correspond_cli::{correspond, files, permuted, read};
-use crate::common::{errors, every_case, in_memory, ok, refused, stride, word, zoo};
+use crate::common::{errors, every_case, in_memory, ok, refused, shapes, stride, word};
 use nystrom_stream::mesh;
 use nystrom_stream::store::{Run, npy};
 use std::fmt::Write;
@@ -165,7 +165,7 @@ fn a_mesh_with_holes_is_found_in_the_whole_and_the_rest_is_told_as_unmatched() {
 fn a_part_that_is_not_found_is_told() {
     let dir = in_memory();
     let [tetrahedron, dumbbell, grid] =
-        [zoo::tetrahedron(), zoo::dumbbell(), zoo::grid(9)].map(|shape| shape.write(dir.path()));
+        [shapes::tetrahedron(), shapes::dumbbell(), shapes::grid(9)].map(|shape| shape.write(dir.path()));
     let out = dir.path().join("m.npy");
     for (a, b, note) in [
         (&tetrahedron, &tetrahedron, "tetrahedron.ply: 4 vertices are too few to find it in "),

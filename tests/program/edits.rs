@@ -1,6 +1,6 @@
 //! Corrections: edits named by places, hints painted on faces, and what is said where they cannot be followed.
 
-use crate::common::{creature, data, errors, in_memory, json, ok, refused, run, segment, word, zoo};
+use crate::common::{creature, data, errors, in_memory, json, ok, refused, run, segment, shapes, word};
 use crate::formats::{has_browser, tool};
 use crate::stages::tiny;
 use nystrom_stream::mesh::{self, Labelling, Mesh, read_seg};
@@ -274,7 +274,7 @@ fn edits_apply_to_another_resolution_and_to_other_units() {
 #[test]
 fn a_number_of_parts_in_the_edits_is_theirs() {
     let dir = in_memory();
-    let (mesh, edits) = (zoo::tetrahedron().write(dir.path()), dir.path().join("edits.json"));
+    let (mesh, edits) = (shapes::tetrahedron().write(dir.path()), dir.path().join("edits.json"));
     let all = json!({"format": "nystrom-stream edits", "version": 1, "parts": 5, "edits": []});
     std::fs::write(&edits, all.to_string()).unwrap();
     let words = ["segment", word(&mesh), "-q", "--edits", word(&edits)];

@@ -1,6 +1,6 @@
 //! `picture` and `segment -o x.png` from the command line.
 
-use crate::common::{errors, in_memory, ok, program, run, word, zoo};
+use crate::common::{errors, in_memory, ok, program, run, shapes, word};
 use nystrom_stream::apps::colours::palette;
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;
@@ -128,7 +128,7 @@ fn a_picture_beyond_the_budget_is_refused_before_any_work() {
 #[test]
 fn labels_in_the_billions_need_no_colour_for_each_number() {
     let dir = in_memory();
-    let shape = zoo::grid(3);
+    let shape = shapes::grid(3);
     shape.write(dir.path());
     let mesh = format!("{}.ply", shape.name);
     for (greatest, outputs) in
@@ -158,7 +158,7 @@ fn labels_in_the_billions_need_no_colour_for_each_number() {
 #[test]
 fn a_mesh_without_a_place_in_space_is_the_files_fault() {
     let dir = in_memory();
-    let mut shape = zoo::tetrahedron();
+    let mut shape = shapes::tetrahedron();
     shape.vertices.iter_mut().for_each(|v| *v = [f64::NAN; 3]);
     let mesh = shape.write(dir.path());
     for command in [vec!["picture", word(&mesh)], vec!["segment", "-q", word(&mesh), "-o", "x.png"]] {
@@ -174,7 +174,7 @@ fn a_mesh_without_a_place_in_space_is_the_files_fault() {
 #[test]
 fn faces_without_a_place_are_noted() {
     let dir = in_memory();
-    let mesh = zoo::all().into_iter().find(|shape| shape.name == "nan_vertex").unwrap().write(dir.path());
+    let mesh = shapes::all().into_iter().find(|shape| shape.name == "nan_vertex").unwrap().write(dir.path());
     let output = ok(&["picture", word(&mesh), "--size", "64x64", "-o", word(&dir.path().join("o.png"))]);
     assert!(errors(&output).contains("faces have corners whose coordinates are not finite"), "{}", errors(&output));
     let text = String::from_utf8(ok(&["info", word(&mesh)]).stdout).unwrap();
@@ -186,7 +186,7 @@ fn faces_without_a_place_are_noted() {
 fn meshes_of_any_size_are_drawn_and_measured() {
     let dir = in_memory();
     for exponent in [150, -150, 300, -300] {
-        let mut shape = zoo::grid(9);
+        let mut shape = shapes::grid(9);
         shape.vertices.iter_mut().flatten().for_each(|x| *x *= 10f64.powi(exponent));
         let (mesh, out, table) = (shape.write(dir.path()), dir.path().join("o.png"), dir.path().join("t.csv"));
         ok(&["segment", "-q", "-k", "2", word(&mesh), "-o", word(&out), "-o", word(&table)]);

@@ -1,7 +1,7 @@
 //! In other people's pipelines: progress for programs, readers that go away, help, completions, man pages, and option
 //! combinations that are refused.
 
-use crate::common::{self, errors, ok, program, refused, run, segment, word, zoo};
+use crate::common::{self, errors, ok, program, refused, run, segment, shapes, word};
 use serde_json::Value;
 use std::io::Read;
 use std::process::Stdio;
@@ -85,7 +85,7 @@ fn misspelt_options_are_suggested() {
 #[test]
 fn combinations_that_would_be_ignored_are_refused() {
     let dir = common::in_memory();
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let mesh = word(&mesh);
     for (words, told) in [
         (&["--kernel", "gaussian"][..], "--kernel can only be used with --cluster kmeans or two-means"),

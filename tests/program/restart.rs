@@ -2,7 +2,7 @@
 //! stays near the budget, and nobody notices the restart otherwise.
 #![cfg(target_os = "linux")]
 
-use crate::common::{self, errors, program, word, zoo};
+use crate::common::{self, errors, program, shapes, word};
 use std::ffi::OsStr;
 use std::io::Write;
 use std::os::unix::ffi::OsStrExt;
@@ -69,7 +69,7 @@ fn resident_memory_stays_near_a_small_budget() {
 #[test]
 fn a_restart_keeps_names_input_exit_codes_and_process() {
     let dir = common::in_memory();
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let small = ["--max-memory", "16M", "-q"];
     // Through a link of another name, from standard input, to a file whose name is no Unicode.
     let link = dir.path().join("cut");
@@ -122,7 +122,7 @@ fn a_restart_keeps_names_input_exit_codes_and_process() {
 #[test]
 fn a_program_that_cannot_restart_runs_as_it_is() {
     let dir = common::in_memory();
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let run = |mut command: Command, out: &str| {
         let out = dir.path().join(out);
         let words = ["segment", word(&mesh), "--max-memory", "16M", "-q", "-o", word(&out)];

@@ -1,7 +1,7 @@
 //! `sequence`: orders are permutations that the output carries out and nothing else, measures are what their definitions
 //! say, and spectral orders are as narrow as promised.
 
-use crate::common::{self, assert_rearranged, creature, errors, ok, program, reference, run, word, zoo};
+use crate::common::{self, assert_rearranged, creature, errors, ok, program, reference, run, shapes, word};
 use nystrom_stream::apps::sequence::{SequenceOrder, StreamMeasures, VertexUse, places};
 use nystrom_stream::mesh::ply::rearranged::{self, Rearrangement};
 use nystrom_stream::mesh::{self, PlyForm};
@@ -86,7 +86,7 @@ fn survives(name: &str, path: &Path) {
 #[test]
 fn every_mesh_survives_rearranging_in_every_form() {
     let dir = common::in_memory();
-    for shape in zoo::all() {
+    for shape in shapes::all() {
         survives(shape.name, &shape.write(dir.path()));
     }
     let Some(data) = common::data() else { return };
@@ -171,7 +171,7 @@ fn by_definition(faces: &[Vec<u32>], vertices: usize, places: &[u32]) -> StreamM
 
 #[test]
 fn measures_are_their_definitions() {
-    for shape in zoo::all() {
+    for shape in shapes::all() {
         let dir = common::in_memory();
         let work = WorkDir::temporary(dir.path()).unwrap();
         let run = Run { threads: 2, budget: Budget::new(4 << 20), ..Run::new(&()) };
@@ -187,7 +187,7 @@ fn measures_are_their_definitions() {
 
 #[test]
 fn faces_come_by_their_corners_greatest_first() {
-    for shape in zoo::all() {
+    for shape in shapes::all() {
         let dir = common::in_memory();
         let work = WorkDir::temporary(dir.path()).unwrap();
         let run = Run::new(&());
@@ -245,8 +245,8 @@ fn spectral_orders_are_narrow() {
 fn components_come_one_after_another_and_each_is_ordered_along_itself() {
     // Two equal dumbbells: the vector that tells them apart says nothing about either.
     let dir = common::in_memory();
-    let one = zoo::dumbbell();
-    let both = zoo::beside("two", &one, &one, [0., 5., 0.]);
+    let one = shapes::dumbbell();
+    let both = shapes::beside("two", &one, &one, [0., 5., 0.]);
     let (single, double) =
         (report(&one.write(dir.path()), &["-l", "20"]), report(&both.write(dir.path()), &["-l", "20"]));
     for order in ["fiedler", "spectral", "bfs", "rcm"] {
@@ -322,7 +322,7 @@ fn a_work_directory_serves_segment_and_sequence() {
 #[test]
 fn outputs_of_every_form_and_misuse() {
     let dir = common::in_memory();
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let at = |name: &str| dir.path().join(name);
     ok(&["sequence", word(&mesh), "-q"]);
     let beside = std::fs::read(mesh.with_extension("sequenced.ply")).unwrap();

@@ -1,7 +1,7 @@
 //! The stages of `segment` as commands of their own over a work directory: the same results as in one run, and another
 //! number of parts without mesh, rows or members.
 
-use crate::common::{self, creature, errors, ok, run, segment, word, zoo};
+use crate::common::{self, creature, errors, ok, run, segment, shapes, word};
 use nystrom_stream::mesh::read_seg;
 use nystrom_stream::store::npy;
 use std::collections::BTreeSet;
@@ -109,7 +109,7 @@ fn a_hierarchy_can_be_taken_out_and_put_in() {
         std::fs::write(&tree, text).unwrap();
         refused(&["cluster", "--tree", word(&tree)], work, code);
     }
-    let other = zoo::dumbbell().write(mesh.parent().unwrap());
+    let other = shapes::dumbbell().write(mesh.parent().unwrap());
     let small = work.with_extension("small");
     segment(&other, &["-q", "--work-dir", word(&small), "-o", word(out)]);
     stage(&["export", "--tree", word(&tree)], &small);
@@ -346,7 +346,7 @@ fn a_mesh_from_standard_input_stays_in_the_work_directory() {
     segment(mesh, &["-q", "-k", "3", "-o", word(&direct)]);
     assert!(std::fs::read(&ply).unwrap() == std::fs::read(direct).unwrap());
     // Another mesh that is piped in is refused, and what is there stays whole.
-    let other = zoo::dumbbell().write(mesh.parent().unwrap());
+    let other = shapes::dumbbell().write(mesh.parent().unwrap());
     let piped = |mesh: &Path, words: &[&str]| {
         let input = std::fs::File::open(mesh).unwrap();
         let words = [&["segment", "-", "-q", "--work-dir", word(work), "-o", word(out)], words].concat();
@@ -380,7 +380,7 @@ fn a_mesh_from_standard_input_stays_in_the_work_directory() {
 #[test]
 fn shards_of_rows_that_one_process_has_computed_are_merged() {
     let dir = common::in_memory();
-    let mesh = zoo::grid(9).write(dir.path());
+    let mesh = shapes::grid(9).write(dir.path());
     let (mesh, work) = (word(&mesh), dir.path().join("work"));
     stage(&["rows", mesh, "-l", "6", "--shard", "0/2"], &work);
     assert!(refused(&["merge"], &work, 1).contains("this shard is missing"));
@@ -413,7 +413,7 @@ fn what_is_missing_is_said() {
         let said = refused(words, &none, 1);
         assert!(said.contains("has no finished stage yet; wait for the run that uses it"), "{words:?}: {said}");
     }
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let work = dir.path().join("work");
     stage(&["graph", word(&mesh)], &work);
     assert!(refused(&["export", "-o", word(&dir.path().join("x.seg"))], &work, 1).contains("holds no labels"));
@@ -423,7 +423,7 @@ fn what_is_missing_is_said() {
     assert!(refused(&["cluster", "--sigma", "2"], &work, 2).contains("--sigma can only be used with --cluster kmeans"));
     // A mesh that was changed since is not written with labels of the old one.
     stage(&["cluster", "-k", "2"], &work);
-    std::fs::write(&mesh, std::fs::read_to_string(zoo::moebius(9).write(dir.path())).unwrap()).unwrap();
+    std::fs::write(&mesh, std::fs::read_to_string(shapes::moebius(9).write(dir.path())).unwrap()).unwrap();
     let told = refused(&["export", "-o", word(&dir.path().join("x.ply"))], &work, 1);
     assert!(told.contains("is not the mesh of the work directory"), "{told}");
     // Nor are rows of the old one taken for rows of the new, nor lost without a word.
@@ -434,14 +434,14 @@ fn what_is_missing_is_said() {
 
 /// A dumbbell with specks around it.
 pub fn tiny(folder: &Path) -> (PathBuf, usize) {
-    let mut shape = zoo::dumbbell();
+    let mut shape = shapes::dumbbell();
     let body = shape.faces.len();
     for k in 0..6 {
-        let speck = zoo::Shape {
-            vertices: zoo::tetrahedron().vertices.iter().map(|v| v.map(|x| 0.004 * x)).collect(),
-            ..zoo::tetrahedron()
+        let speck = shapes::Shape {
+            vertices: shapes::tetrahedron().vertices.iter().map(|v| v.map(|x| 0.004 * x)).collect(),
+            ..shapes::tetrahedron()
         };
-        shape = zoo::beside("specks", &shape, &speck, [-1. + 0.4 * f64::from(k), 0.6, 0.]);
+        shape = shapes::beside("specks", &shape, &speck, [-1. + 0.4 * f64::from(k), 0.6, 0.]);
     }
     (shape.write(folder), body)
 }
@@ -465,7 +465,7 @@ fn tiny_components_join_parts_or_are_one_of_their_own() {
     stage(&["cluster", "-k", "2", "--tiny-components", "own", "-o", word(&out)], &work);
     assert!(read_seg(&out).unwrap()[body..].iter().all(|&label| label == 2));
     // Without dust nothing changes, and the paper's ways do not know of it.
-    let clean = zoo::dumbbell().write(dir.path());
+    let clean = shapes::dumbbell().write(dir.path());
     assert_eq!(direct(&clean, &["-k", "3", "--tiny-components", "own"]), direct(&clean, &["-k", "3"]));
     let output: Output = run(&["segment", word(&clean), "--cluster", "kmeans", "-k", "3", "--tiny-components", "own"]);
     assert_eq!(output.status.code(), Some(2));
@@ -477,9 +477,9 @@ fn tiny_components_join_parts_or_are_one_of_their_own() {
 #[test]
 fn tiny_components_are_not_divided() {
     let dir = common::in_memory();
-    let vertices = zoo::tetrahedron().vertices.iter().map(|v| v.map(|x| 1e-4 * x)).collect();
-    let speck = zoo::Shape { vertices, ..zoo::tetrahedron() };
-    let shape = zoo::beside("a_speck_beside_four_faces", &zoo::tetrahedron(), &speck, [3., 0., 0.]);
+    let vertices = shapes::tetrahedron().vertices.iter().map(|v| v.map(|x| 1e-4 * x)).collect();
+    let speck = shapes::Shape { vertices, ..shapes::tetrahedron() };
+    let shape = shapes::beside("a_speck_beside_four_faces", &shapes::tetrahedron(), &speck, [3., 0., 0.]);
     let mesh = shape.write(dir.path());
     assert_eq!(direct(&mesh, &["-k", "4", "--tiny-components", "own"])[4..], [4; 4]);
     for k in ["5", "8"] {
@@ -604,10 +604,14 @@ fn connected_components_are_parts_and_need_the_graph_alone() {
 #[test]
 fn many_components_of_one_size_are_parts() {
     let dir = tempfile::tempdir().unwrap();
-    let mut shape = zoo::tetrahedron();
+    let mut shape = shapes::tetrahedron();
     for k in 1..210 {
-        shape =
-            zoo::beside("many", &shape, &zoo::tetrahedron(), [f64::from(3 * (k % 15)), f64::from(3 * (k / 15)), 0.]);
+        shape = shapes::beside(
+            "many",
+            &shape,
+            &shapes::tetrahedron(),
+            [f64::from(3 * (k % 15)), f64::from(3 * (k / 15)), 0.],
+        );
     }
     let labels = direct(&shape.write(dir.path()), &[]);
     let parts: BTreeSet<Vec<u32>> = labels.chunks(4).map(<[u32]>::to_vec).collect();
@@ -619,7 +623,7 @@ fn many_components_of_one_size_are_parts() {
 fn a_mesh_without_area_is_left_whole() {
     let dir = tempfile::tempdir().unwrap();
     for (name, scale) in [("nowhere", f64::NAN), ("point", 0.)] {
-        let mut shape = zoo::Shape { name, ..zoo::grid(12) };
+        let mut shape = shapes::Shape { name, ..shapes::grid(12) };
         shape.vertices.iter_mut().flatten().for_each(|x| *x *= scale);
         let mesh = shape.write(dir.path());
         assert!(direct(&mesh, &[]).iter().all(|label| *label == 0), "{name}");
@@ -669,7 +673,7 @@ fn export_only_reads_the_work_directory() {
 #[test]
 fn a_mesh_whose_area_overflows_is_exported() {
     let dir = common::in_memory();
-    let mesh = zoo::all().into_iter().find(|shape| shape.name == "as_far_as_doubles_go").unwrap().write(dir.path());
+    let mesh = shapes::all().into_iter().find(|shape| shape.name == "as_far_as_doubles_go").unwrap().write(dir.path());
     let (work, seg, table) = (dir.path().join("work"), dir.path().join("x.seg"), dir.path().join("x.csv"));
     segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work), "-o", word(&seg), "-o", word(&table)]);
     let written = [&seg, &table].map(|path| std::fs::read(path).unwrap());
@@ -681,7 +685,7 @@ fn a_mesh_whose_area_overflows_is_exported() {
 #[test]
 fn what_an_older_program_made_is_not_exported() {
     let dir = common::in_memory();
-    let mesh = zoo::dumbbell().write(dir.path());
+    let mesh = shapes::dumbbell().write(dir.path());
     let (work, tree) = (dir.path().join("work"), dir.path().join("tree.json"));
     segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work)]);
     let manifest = work.join("manifest.json");
@@ -702,7 +706,7 @@ fn what_an_older_program_made_is_not_exported() {
 #[test]
 fn the_mesh_of_an_older_record_is_known() {
     let dir = common::in_memory();
-    let (mesh, other) = (zoo::dumbbell().write(dir.path()), zoo::tetrahedron().write(dir.path()));
+    let (mesh, other) = (shapes::dumbbell().write(dir.path()), shapes::tetrahedron().write(dir.path()));
     let work = dir.path().join("work");
     segment(&mesh, &["-q", "-k", "3", "--work-dir", word(&work)]);
     let manifest = work.join("manifest.json");

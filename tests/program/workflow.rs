@@ -1,6 +1,6 @@
 //! Scripts of the workflow, which need no Snakemake here: `tools/check-workflow` runs them in it.
 
-use crate::common::{self, errors, zoo};
+use crate::common::{self, errors, shapes};
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -41,7 +41,7 @@ fn a_batch_fails_where_its_folder_fails_and_goes_on_where_a_mesh_does() {
         return;
     }
     let dir = common::in_memory();
-    zoo::grid(9).write(dir.path());
+    shapes::grid(9).write(dir.path());
     std::fs::write(dir.path().join("torn.ply"), "ply\n").unwrap();
     let (program, full) = (env!("CARGO_BIN_EXE_nystrom-stream"), dir.path().join("full"));
     for limit in [0, 4] {
@@ -67,7 +67,7 @@ fn names_of_partitions_are_escaped_as_by_hive() {
         return;
     }
     let dir = common::in_memory();
-    zoo::grid(9).write(dir.path());
+    shapes::grid(9).write(dir.path());
     std::fs::create_dir(dir.path().join("a")).unwrap();
     let names = ["a=1", "a/b", "100% ü", "a%20b"];
     for name in names {

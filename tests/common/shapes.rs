@@ -1,4 +1,4 @@
-//! Small meshes that break things, made in code.
+//! Small meshes made in code: a few plain shapes, and all that is odd about meshes.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -152,54 +152,54 @@ pub fn beside(name: &'static str, a: &Shape, b: &Shape, shift: [f64; 3]) -> Shap
     both
 }
 
-/// All of them.
+/// Plain shapes and odd ones: degenerate, not manifold, without a number, huge, tiny.
 pub fn all() -> Vec<Shape> {
     let nan = f64::NAN;
-    let mut zoo = vec![tetrahedron(), grid(8), dumbbell(), moebius(24)];
+    let mut all = vec![tetrahedron(), grid(8), dumbbell(), moebius(24)];
     let triangle = vec![[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]];
-    zoo.push(Shape::new("single", triangle.clone(), &[[0, 1, 2]]));
+    all.push(Shape::new("single", triangle.clone(), &[[0, 1, 2]]));
     // Two faces that share three edges.
-    zoo.push(Shape::new("pillow", triangle.clone(), &[[0, 1, 2], [0, 2, 1]]));
-    zoo.push(Shape::new("duplicates", triangle.clone(), &[[0, 1, 2], [0, 1, 2], [1, 2, 0], [2, 1, 0]]));
+    all.push(Shape::new("pillow", triangle.clone(), &[[0, 1, 2], [0, 2, 1]]));
+    all.push(Shape::new("duplicates", triangle.clone(), &[[0, 1, 2], [0, 1, 2], [1, 2, 0], [2, 1, 0]]));
     let fins = vec![[0., 0., 0.], [0., 0., 1.], [1., 0., 0.5], [-0.5, 0.8, 0.5], [-0.5, -0.8, 0.5]];
-    zoo.push(Shape::new("three_on_an_edge", fins, &[[0, 1, 2], [0, 1, 3], [0, 1, 4]]));
-    zoo.push(beside("two_components", &tetrahedron(), &grid(4), [3., 0., 0.]));
-    zoo.push(beside("touching_components", &grid(3), &grid(3), [1., 0., 0.]));
-    zoo.push(soup(&dumbbell()));
+    all.push(Shape::new("three_on_an_edge", fins, &[[0, 1, 2], [0, 1, 3], [0, 1, 4]]));
+    all.push(beside("two_components", &tetrahedron(), &grid(4), [3., 0., 0.]));
+    all.push(beside("touching_components", &grid(3), &grid(3), [1., 0., 0.]));
+    all.push(soup(&dumbbell()));
     // Slivers around one vertex, ever thinner.
     let rim = (0..60).map(|k| 2f64.powi(-k)).map(|angle| [angle.cos(), angle.sin(), 0.]);
     let vertices: Vec<_> = std::iter::once([0., 0., 0.]).chain(rim).collect();
     let faces: Vec<_> = (1..60).map(|k| [0, k + 1, k]).collect();
-    zoo.push(Shape::new("slivers", vertices, &faces));
+    all.push(Shape::new("slivers", vertices, &faces));
     let mut holed = grid(6);
     holed.vertices[24] = [nan, 1., f64::INFINITY];
-    zoo.push(Shape { name: "nan_vertex", ..holed });
-    zoo.push(grid(3).changed("all_nan", |_| [nan; 3]));
-    zoo.push(grid(4).changed("all_coincide", |_| [7., 7., 7.]));
-    zoo.push(grid(4).changed("all_on_a_line", |[x, y, _]| [x + y, 0., 0.]));
-    zoo.push(dumbbell().changed("huge", |v| v.map(|x| 1e30 * x)));
-    zoo.push(dumbbell().changed("beyond_float", |v| v.map(|x| 1e200 * x)));
-    zoo.push(dumbbell().changed("as_far_as_doubles_go", |v| v.map(|x| 1.7e308 * x)));
-    zoo.push(dumbbell().changed("tiny", |v| v.map(|x| 1e-30 * x)));
-    zoo.push(dumbbell().changed("subnormal", |v| v.map(|x| 1e-315 * x)));
-    zoo.push(dumbbell().changed("far_off", |[x, y, z]| [x + 1e9, y - 1e9, z + 1e9]));
+    all.push(Shape { name: "nan_vertex", ..holed });
+    all.push(grid(3).changed("all_nan", |_| [nan; 3]));
+    all.push(grid(4).changed("all_coincide", |_| [7., 7., 7.]));
+    all.push(grid(4).changed("all_on_a_line", |[x, y, _]| [x + y, 0., 0.]));
+    all.push(dumbbell().changed("huge", |v| v.map(|x| 1e30 * x)));
+    all.push(dumbbell().changed("beyond_float", |v| v.map(|x| 1e200 * x)));
+    all.push(dumbbell().changed("as_far_as_doubles_go", |v| v.map(|x| 1.7e308 * x)));
+    all.push(dumbbell().changed("tiny", |v| v.map(|x| 1e-30 * x)));
+    all.push(dumbbell().changed("subnormal", |v| v.map(|x| 1e-315 * x)));
+    all.push(dumbbell().changed("far_off", |[x, y, z]| [x + 1e9, y - 1e9, z + 1e9]));
     let mut flat = grid(5);
     for face in flat.faces.iter_mut().step_by(3) {
         face[2] = face[0];
     }
-    zoo.push(Shape { name: "repeated_vertices", ..flat });
+    all.push(Shape { name: "repeated_vertices", ..flat });
     let mut odd = grid(3);
     odd.faces.extend([vec![], vec![4], vec![1, 2], vec![3, 3, 3], vec![5, 6, 5, 6]]);
-    zoo.push(Shape { name: "faces_of_any_size", ..odd });
+    all.push(Shape { name: "faces_of_any_size", ..odd });
     let rim: Vec<[f64; 3]> =
         (0..50).map(|k| f64::from(k) / 50. * std::f64::consts::TAU).map(|a| [a.cos(), a.sin(), 0.]).collect();
     let mut lid = Shape { name: "fifty_corners", vertices: rim, faces: vec![(0..50).collect()] };
     lid.vertices.push([0., 0., 1.]);
     lid.faces.extend((0..50).map(|k| vec![(k + 1) % 50, k, 50]));
-    zoo.push(lid);
+    all.push(lid);
     let mut loose = tetrahedron();
     loose.vertices.extend([[nan; 3], [1e5, 0., 0.], [-3., 4., 5.]]);
-    zoo.push(Shape { name: "unreferenced", ..loose });
+    all.push(Shape { name: "unreferenced", ..loose });
     // A thousand faces that share nothing at all.
     let tiny_components = |k: u32| f64::from(k.wrapping_mul(2_654_435_761) >> 8) / 16_777_216.;
     let corner = [[0., 0., 0.], [1e-3, 0., 0.], [0., 1e-3, 1e-4]];
@@ -207,17 +207,17 @@ pub fn all() -> Vec<Shape> {
     let vertices: Vec<_> =
         (0..3000usize).map(|k| [0, 1, 2].map(|axis| place(k as u32 / 3)[axis] + corner[k % 3][axis])).collect();
     let faces: Vec<_> = (0..1000).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
-    zoo.push(Shape::new("dust", vertices, &faces));
+    all.push(Shape::new("dust", vertices, &faces));
     // A hundred faces on one edge.
     let spokes = (0..100).map(|k| f64::from(k) * 0.0628).map(|a| [a.cos(), a.sin(), 0.5]);
     let vertices: Vec<_> = [[0., 0., 0.], [0., 0., 1.]].into_iter().chain(spokes).collect();
     let faces: Vec<_> = (0..100).map(|k| if k % 3 == 0 { [1, 0, k + 2] } else { [0, 1, k + 2] }).collect();
-    zoo.push(Shape::new("book", vertices, &faces));
+    all.push(Shape::new("book", vertices, &faces));
     // Wound as it comes.
     let mut mixed = dumbbell();
     mixed.faces.iter_mut().step_by(3).for_each(|face| face.reverse());
-    zoo.push(Shape { name: "mixed_winding", ..mixed });
+    all.push(Shape { name: "mixed_winding", ..mixed });
     let (a, b) = (tetrahedron(), tetrahedron().changed("", |v| v.map(|x| 1e-6 * x)));
-    zoo.push(beside("a_speck", &a, &b, [0.2, 0.2, 0.2]));
-    zoo
+    all.push(beside("a_speck", &a, &b, [0.2, 0.2, 0.2]));
+    all
 }

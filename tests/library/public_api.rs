@@ -1,5 +1,5 @@
-//! The front door: arrays and files give the same labels, nothing is written where memory allows, results are kept
-//! where that is asked for, and the caller hears of progress and can stop.
+//! The API at the root of the library: arrays and files give the same labels, nothing is written where memory allows,
+//! results are kept where that is asked for, and the caller hears of progress and can stop.
 
 use nystrom_stream::apps::evaluate::Evaluator;
 use nystrom_stream::apps::picture::best_view;

@@ -1,6 +1,7 @@
-//! What is told of parts and of batches: which parts most people would not have, tables whose columns are aligned, names once.
+//! What reports, notes and tables say of parts, meshes and batches: which parts most people would not have, aligned
+//! columns, names once.
 
-use crate::common::{self, errors, ok, program, run, segment, word, zoo};
+use crate::common::{self, errors, ok, program, run, segment, shapes, word};
 use serde_json::Value;
 use std::path::Path;
 
@@ -113,7 +114,7 @@ fn the_inside_of_a_head_is_told_and_does_not_hide_its_nose() {
 #[test]
 fn tables_are_aligned_and_failures_name_their_mesh_once() {
     let dir = common::in_memory();
-    let meshes = [zoo::dumbbell().write(dir.path()), zoo::grid(9).write(dir.path())];
+    let meshes = [shapes::dumbbell().write(dir.path()), shapes::grid(9).write(dir.path())];
     let broken = dir.path().join("a_long_name_that_fails.ply");
     std::fs::write(&broken, "ply\nformat ascii 1.0\nend_header\n").unwrap();
     let pattern = dir.path().join("{}.seg");
@@ -131,7 +132,7 @@ fn tables_are_aligned_and_failures_name_their_mesh_once() {
 #[test]
 fn as_many_parts_as_faces_can_be_had() {
     let dir = common::in_memory();
-    let mesh = zoo::grid(45).write(dir.path());
+    let mesh = shapes::grid(45).write(dir.path());
     let faces = nystrom_stream::Mesh::open(&mesh).unwrap().faces.len();
     let out = dir.path().join("x.seg");
     segment(&mesh, &["-q", "-k", &faces.to_string(), "-o", word(&out)]);
@@ -144,7 +145,7 @@ fn as_many_parts_as_faces_can_be_had() {
 #[test]
 fn notes_about_the_mesh_are_in_reports_too() {
     let dir = common::in_memory();
-    let mut shape = zoo::grid(9);
+    let mut shape = shapes::grid(9);
     shape.vertices[0] = [f64::NAN; 3];
     let mesh = shape.write(dir.path());
     let (work, json) = (dir.path().join("work"), dir.path().join("r.json"));

@@ -1,7 +1,7 @@
-//! The zoo of nasty little meshes: exactly K parts and finite numbers, by the library and by the program.
+//! Small meshes, plain and odd: exactly K parts and finite numbers, by the library and by the program.
 
 use crate::common;
-use crate::common::zoo::{self, Shape};
+use crate::common::shapes::{self, Shape};
 use nystrom_stream::cluster::parts::{PartCount, PartsParams};
 use nystrom_stream::graph::Metric;
 use nystrom_stream::landmarks::Sampling;
@@ -64,9 +64,9 @@ fn check_in(folder: &Path, shape: &Shape, path: &Path, params: SegmentParams) {
 }
 
 #[test]
-fn every_beast_falls_into_exactly_k_parts() {
+fn every_shape_falls_into_exactly_k_parts() {
     let dir = common::in_memory();
-    for (turn, shape) in zoo::all().into_iter().enumerate() {
+    for (turn, shape) in shapes::all().into_iter().enumerate() {
         let path = shape.write(dir.path());
         let n = shape.faces.len();
         for (k, parts) in [1, 2, 3, 7, n.min(40)].into_iter().filter(|&parts| parts <= n).enumerate() {
@@ -80,9 +80,9 @@ fn every_beast_falls_into_exactly_k_parts() {
 }
 
 #[test]
-fn every_beast_falls_into_the_parts_that_are_found_or_asked_for() {
+fn every_shape_falls_into_the_parts_that_are_found_or_asked_for() {
     let dir = common::in_memory();
-    for shape in zoo::all() {
+    for shape in shapes::all() {
         let path = shape.write(dir.path());
         let n = shape.faces.len();
         // One hierarchy for all, which takes most of the time, or one for each.
@@ -98,13 +98,13 @@ fn every_beast_falls_into_the_parts_that_are_found_or_asked_for() {
 }
 
 #[test]
-fn every_option_survives_every_beast() {
+fn every_option_suits_every_shape() {
     let dir = common::in_memory();
     let kernels =
         [Kernel::Gaussian, Kernel::Exponential, Kernel::Polynomial { degree: 3 }, Kernel::InverseMultiquadric];
     let normalisations = [Normalisation::None, Normalisation::Degree, Normalisation::Anchor];
     let metrics = [Metric::default(), Metric::paper(), Metric::Geodesic];
-    for (turn, shape) in zoo::all().iter().enumerate() {
+    for (turn, shape) in shapes::all().iter().enumerate() {
         let path = shape.write(dir.path());
         let parts = 3.min(shape.faces.len());
         for (k, kernel) in kernels.into_iter().enumerate() {
@@ -136,7 +136,7 @@ fn every_option_survives_every_beast() {
 #[test]
 fn the_program_agrees() {
     let dir = common::in_memory();
-    for shape in zoo::all() {
+    for shape in shapes::all() {
         let path = shape.write(dir.path());
         let parts = 4.min(shape.faces.len());
         let output = common::segment(&path, &["-q", "-k", &parts.to_string(), "--json"]);
@@ -165,7 +165,7 @@ fn the_report_counts_what_is_there() {
         let output = common::segment(&path, &["-q", "-k", "1", "--json"]);
         serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()["input"].take()
     };
-    let of = |name: &str| zoo::all().into_iter().find(|shape| shape.name == name).unwrap();
+    let of = |name: &str| shapes::all().into_iter().find(|shape| shape.name == name).unwrap();
     let columns = ["components", "boundary_edges", "nonmanifold_edges", "degenerate_faces", "welded_edges"];
     for (name, expected) in [
         ("tetrahedron", [1, 0, 0, 0, 0]),
@@ -205,10 +205,10 @@ fn the_unit_of_length_does_not_matter() {
         common::segment(&path, &["-q", "-k", "3", "-o", common::word(&labels)]);
         std::fs::read(labels).unwrap()
     };
-    let expected = labels(&zoo::dumbbell());
+    let expected = labels(&shapes::dumbbell());
     for exponent in [-1000, -100, 1, 100, 1020] {
         // A power of two changes no digit.
-        let mut shape = zoo::dumbbell();
+        let mut shape = shapes::dumbbell();
         shape.vertices.iter_mut().flatten().for_each(|x| *x *= 2f64.powi(exponent));
         assert_eq!(labels(&shape), expected, "2^{exponent}");
     }
