@@ -128,7 +128,7 @@ fn finished_outputs_are_skipped_on_request() {
 #[test]
 fn reports_of_skipped_meshes_stay() {
     let dir = common::in_memory();
-    let meshes = [zoo::dumbbell(), zoo::grid(9), zoo::moebius(30)].map(|mesh| mesh.write(dir.path()));
+    let meshes = [shapes::dumbbell(), shapes::grid(9), shapes::moebius(30)].map(|mesh| mesh.write(dir.path()));
     let (json, out) = (dir.path().join("all.json"), dir.path().join("{}.seg"));
     let option = format!("--json={}", word(&json));
     let cut = |meshes: &[PathBuf]| {
