@@ -76,6 +76,7 @@ fn check(args: &SegmentArgs, meshes: &[PathBuf], several: bool) -> Result<(Segme
     Ok((params, edits))
 }
 
+/// Runs `segment`, on one mesh or on many.
 pub fn run(args: &SegmentArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     // A wrong option is reported before a missing folder.

@@ -204,6 +204,7 @@ fn pictured() -> PictureParams {
     PictureParams::default().height(800)
 }
 
+/// Runs `correspond`.
 pub fn run(args: &CorrespondArgs, app: &AppContext) -> Result<(), CliError> {
     let mut params = args.method.params();
     params.embedding.check()?;

@@ -34,6 +34,7 @@ pub struct DemoArgs {
     pub no_plan: bool,
 }
 
+/// Runs `demo`.
 pub fn run(args: &DemoArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);

@@ -69,6 +69,7 @@ pub struct EvaluateArgs {
 /// A readable table, and the same data as JSON.
 type Outcome = (String, Value);
 
+/// Runs `evaluate`.
 pub fn run(args: &EvaluateArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     check_charts("--plot", args.plot.as_slice())?;
     if args.plot.is_some() && args.benchmark.is_none() {

@@ -188,6 +188,7 @@ fn measured(m: &MeshMeasures) -> String {
     rows.iter().map(|(name, value)| format!("{name:14}{value}\n")).collect()
 }
 
+/// Runs `info`, on a mesh or a work directory.
 pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let path = either(&args.path, &args.work_dir);
     let is_folder = |path: &Path| path.is_dir() && path.as_os_str() != "-";
@@ -247,6 +248,7 @@ pub fn run(args: &InfoArgs, app: &AppContext) -> std::result::Result<(), CliErro
     Ok(args.json.publish_or_print(&all, &text)?)
 }
 
+/// Runs `verify`.
 pub fn verify(args: &VerifyArgs, app: &AppContext) -> std::result::Result<(), CliError> {
     let bars = args.shown.bars();
     let run = Run { cancel: app.cancel.clone(), ..Run::new(&bars) };

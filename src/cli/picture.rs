@@ -90,6 +90,7 @@ impl PictureArgs {
     }
 }
 
+/// Runs `picture`.
 pub fn run(args: &PictureArgs, app: &AppContext) -> Result<(), CliError> {
     let params = args.params();
     params.check()?;

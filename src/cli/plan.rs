@@ -61,6 +61,7 @@ pub fn check(path: &Path, params: &SegmentParams, context: Context<'_>) -> Resul
     Ok(())
 }
 
+/// Runs `plan`.
 pub fn run(args: &PlanArgs, app: &AppContext) -> Result<(), CliError> {
     if args.mesh.as_os_str() == "-" {
         let text = "standard input has no known size until it is read; give a file";

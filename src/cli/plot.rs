@@ -105,6 +105,7 @@ fn colours_of(tree: &PartTree, cut: &TreeCut) -> Vec<[u8; 3]> {
     colours::assign(cut.parts, &touching)
 }
 
+/// Runs `plot`.
 pub fn run(args: &PlotArgs) -> Result<(), CliError> {
     if args.eigenvalues.is_empty() && args.tree.is_empty() {
         return Err(CliError::Usage("plot: nothing to draw; give --eigenvalues FILE, --tree FILE, or both".into()));

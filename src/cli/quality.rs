@@ -151,6 +151,7 @@ fn names(meshes: &[PathBuf]) -> Vec<String> {
     meshes.iter().map(|mesh| Some(stem(mesh)).filter(|name| !is_shared(name)).unwrap_or_else(|| path(mesh))).collect()
 }
 
+/// Runs `quality`.
 pub fn quality(args: &QualityArgs, app: &AppContext) -> Result<(), CliError> {
     let params = params(args)?;
     params.check()?;
@@ -259,6 +260,7 @@ pub struct StudyArgs {
     pub run: RunArgs,
 }
 
+/// Runs `study`.
 pub fn study(args: &StudyArgs, app: &AppContext) -> Result<(), CliError> {
     check_charts("--plot", &args.plot)?;
     // Of all points there is only one sample.

@@ -125,6 +125,7 @@ fn check(args: &SequenceArgs) -> Result<Vec<Target>, CliError> {
     Ok(targets)
 }
 
+/// Runs `sequence`.
 pub fn run(args: &SequenceArgs, app: &AppContext) -> Result<(), CliError> {
     let targets = check(args)?;
     let outputs: Vec<PathBuf> = targets.iter().map(Target::path).chain(args.json.json.clone()).collect();

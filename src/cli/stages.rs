@@ -208,6 +208,7 @@ fn reopen<'a>(place: &Place, seed: Option<u64>, run: Run<'a>) -> Result<(WorkDir
     Ok((work, record, Run { seed, ..run }))
 }
 
+/// Runs `graph`: the dual graph.
 pub fn graph(args: &GraphArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let run = args.run.run(&bars, app);
@@ -234,6 +235,7 @@ fn parse_shard(text: &str) -> Result<(usize, usize), String> {
     }
 }
 
+/// Runs `share`: a part of one step, or what all parts of it need.
 pub fn share(args: &ShareArgs, app: &AppContext) -> Result<(), CliError> {
     if args.rows.shard.is_none() && !args.rows.prepare {
         return Err(CliError::Usage("share: --shard I/N or --prepare is missing".into()));
@@ -244,6 +246,7 @@ pub fn share(args: &ShareArgs, app: &AppContext) -> Result<(), CliError> {
     shared(args.step, &args.rows, args.rows.method.params()?, app)
 }
 
+/// Runs `rows`: rows over all faces, or a shard of them.
 pub fn rows(args: &RowsArgs, app: &AppContext) -> Result<(), CliError> {
     // `rows` makes rows over all faces, so parts must be decided on all faces too, not on a contraction.
     shared(ShareStep::Rows, args, args.method.params()?.exact(true), app)
@@ -304,6 +307,7 @@ fn shared(step: ShareStep, args: &RowsArgs, mut params: SegmentParams, app: &App
     Ok(args.json.publish_with(answer, bars.log())?)
 }
 
+/// Runs `merge`: joins the rows of all shards.
 pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.shown.bars();
     let run = Run { cancel: app.cancel.clone(), ..Run::new(&bars) };
@@ -316,6 +320,7 @@ pub fn merge(args: &MergeArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(args.json.publish_with(answer, bars.log())?)
 }
 
+/// Runs `embed`: the spectral coordinates of every face.
 pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.run.bars();
     let dimensions = args.dimensions.map_or(two_means::DIMENSIONS, usize::from);
@@ -326,6 +331,7 @@ pub fn embed(args: &EmbedArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(())
 }
 
+/// Runs `cluster`: cuts the mesh of a work directory, and writes outputs.
 pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     let start = Instant::now();
     let bars = args.run.bars();
@@ -390,6 +396,7 @@ pub fn cluster(args: &ClusterArgs, app: &AppContext) -> Result<(), CliError> {
     Ok(())
 }
 
+/// Runs `export`: writes outputs and the hierarchy of a work directory.
 pub fn export(args: &ExportArgs, app: &AppContext) -> Result<(), CliError> {
     let bars = args.shown.bars();
     let outputs = outputs_of(&args.output)?;

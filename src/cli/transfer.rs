@@ -42,6 +42,7 @@ pub struct TransferArgs {
     pub scratch: ScratchArgs,
 }
 
+/// Runs `transfer-labels`.
 pub fn run(args: &TransferArgs, app: &AppContext) -> Result<(), CliError> {
     let outputs = outputs_of(&args.output)?;
     args.ply.check(&outputs)?;
