@@ -3,7 +3,8 @@
 //! The default recipe: layers of what the surface encloses, an ensemble for each, the co-association, symmetrised where
 //! there is a left and a right side, and over similar limbs, and the hierarchy of the greatest expected Rand index.
 //!
-//! It works on some two thousand cells whatever the mesh: tenths of a second, and up to 40 MB outside the budget.
+//! It works on some two thousand cells whatever the mesh: tenths of a second, and less than 40 MB outside the budget.
+//! Meshes of thousands of pieces and very noisy ones take more (docs/limits.md).
 
 use super::ambiguous::without_ambiguous;
 use super::answer::PartDecision;
