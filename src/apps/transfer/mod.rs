@@ -1,6 +1,6 @@
 //! Transfers labels from one mesh to another of the same shape: another resolution, decimated, re-meshed.
 //!
-//! Every face searches from its centroid, or, if its mesh is the coarser one, from four points on it, for the nearest
+//! Every face searches from its middle, or, if its mesh is the coarser one, from four points on it, for the nearest
 //! face whose normal agrees within 60° ([`closest_faces`]), so that thin walls keep their sides; if normals are
 //! opposite throughout, they are flipped. Faces without a nearby face, and small islands of uncertain ones, get the
 //! label around them, ring by ring over the dual graph. Memory: a block of the first mesh as the budget allows; 16
@@ -83,7 +83,8 @@ fn mean_edge(opened: &Mesh, frame: &UnitFrame, run: &Run) -> Result<f32> {
     Ok((area / count.max(1) as f64 * 4. / 3f64.sqrt()).sqrt() as f32)
 }
 
-/// The query points of `face`: its centroid, then points half-way to its first three corners.
+/// The query points of `face`: the mean of the centroids of its triangles, then the points half-way from there to the
+/// corners of its first triangle.
 fn probe(opened: &Mesh, frame: &UnitFrame, face: usize, point: usize) -> Probe {
     let (mut sum, mut mean, mut count, mut first) = ([0f64; 3], [0f32; 3], 0f32, [[0f32; 3]; 3]);
     frame.triangles(opened, face..face + 1, |_, triangle| {
@@ -235,7 +236,7 @@ fn majority_label(found: &[Closest], labels: &[u32], slack: f32, edge: f32) -> (
     }
     let votes = &votes[..found.len()];
     let tally = |label: u32| votes.iter().filter(|vote| vote.0 == label).fold((0., 0.), |a, v| (a.0 + v.1, a.1 + v.2));
-    // The first of several: that of the centroid, if it is one of them.
+    // The first of several: that of the middle, if it is one of them.
     let mut best = (UNLABELLED, (0., 0.));
     for &(label, ..) in votes.iter().filter(|vote| vote.0 != UNLABELLED) {
         let own = tally(label);

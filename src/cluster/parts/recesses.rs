@@ -5,7 +5,8 @@
 //! rises hardly above its mouth, or lies below it, is joined to its largest neighbour. The rise is the volume between
 //! the part and its mouth over the area of the mouth. Thin fins and shells have little volume too, but narrow mouths.
 //!
-//! Of several neighbours the largest must be three times as large: a court among walls and a keep is in none of them.
+//! A single neighbour may have any size. Of several neighbours the largest must be at least three times as large as the
+//! recess: a court among walls and a keep belongs to none of them.
 //! Parts behind a convex edge stay, such as the inside of a cup, and so do those with narrow mouths, such as the inside
 //! of a vase with its neck. Open surfaces are left out, since a valley is no recess, and surfaces that enclose others
 //! (`interior`). On the benchmark one model of 190 has such parts. Pieces of four birds, which some people have, rise

@@ -16,7 +16,7 @@ use crate::base::vector::{add_scaled, distance, dot, length, minus};
 use crate::cluster::mirror::{NearestPoint, PointSet, REACH, SurfacePoint, apart};
 use std::f64::consts::TAU;
 
-/// The same for a motion that is improved further: before and after the first steps.
+/// Maximum error of a motion that is improved further, in cell radii: before the first step, after it, and later.
 const MAY_FIT: [f64; 3] = [2.4, 2.0, 1.4];
 /// Half the height of the rings whose centres give the direction along the surface, in cell radii.
 const RING: f64 = 2.5;
