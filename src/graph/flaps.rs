@@ -13,8 +13,7 @@
 //! duplicates of two-sided models ([`super::duplicates`]), and has no area.
 //!
 //! Cost, where edges of three faces or more suggest such faces: 20 bytes per face are shuffled; if there are some, one
-//! pass over all faces, some 10 ns each, 140 bytes in memory for each face in such a place, and the graph is built a
-//! second time.
+//! pass over all faces, 180 bytes in memory for each face in such a place, and the graph is built a second time.
 
 use super::components::Components;
 use super::duplicates::{FacePlaces, Writer};
@@ -38,7 +37,7 @@ const SMALL: f64 = 1e-3;
 const ALL_SMALL: f64 = 0.1;
 const NONE: u32 = u32::MAX;
 /// Bytes per face that lies in one place with others.
-const BYTES: u64 = 140;
+const BYTES: u64 = 180;
 /// Faces whose memory is taken from the budget at a time.
 const GRANTED: usize = 1 << 12;
 
