@@ -96,8 +96,8 @@ fn link_several(mesh: &Mesh, sides: Vec<FaceSide>, join: &mut impl FnMut(Match) 
     link_rest(mesh, rest, &fewer, join)
 }
 
-/// Links the sides of one direction that are left over to `others`, those of the other, but to none more than a few; and
-/// further ones to each other.
+/// Links the sides of one direction that are left over to `others`, those of the other, but to none more than a few;
+/// and further ones to each other.
 fn link_rest(
     mesh: &Mesh,
     rest: &[FaceSide],
