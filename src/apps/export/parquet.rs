@@ -3,8 +3,8 @@
 //! One row per face in file order: `face`, `label` (unsigned, 32 bits), `area` (in the squared unit of the file),
 //! `centroid_x`, `centroid_y`, `centroid_z`, `quality` if there is one, `name` (of the part) if parts have names, and
 //! `embedding_0` … if given. Rows are written in groups of [`GROUP`]. The columns of a group are encoded in parallel,
-//! as many at a time as there are threads: memory is 32 bytes per row of a group, and 24 per thread. About 45 bytes per
-//! face on disk.
+//! as many at a time as there are threads: memory is 32 bytes per row of a group, and 24 per thread. About 45 bytes
+//! per face on disk.
 
 use crate::base::vector::{area, finite};
 use crate::base::{Error, Result};
