@@ -19,7 +19,7 @@ use crate::cluster::boundary::{self, BoundaryMethod, BoundarySurface, CellLabels
 use crate::cluster::divide::divide;
 use crate::cluster::extrapolate::LocalPartMeans;
 use crate::cluster::part_totals::PartTotals;
-use crate::cluster::parts::cell_graph::joined_pieces;
+use crate::cluster::parts::cell_labels::joined_pieces;
 use crate::cluster::parts::hierarchy::TreeCut;
 use crate::cluster::parts::{self, PartCount, PartDecision, PartTree, PartsParams, PartsResult};
 use crate::distance::DistanceRows;

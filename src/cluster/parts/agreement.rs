@@ -5,14 +5,14 @@
 //! Princeton benchmark. Its target is the share of people whose segmentation has such a part: one that overlaps it by
 //! more than half of their union. Two measures suffice: the confidence shows whether the boundary is essential to the
 //! decision, the width whether the part is one that people name. Adding area, compactness and neighbours predicted no
-//! better on held-out models; docs/quality.md has the figures.
+//! better on held-out models.
 //!
 //! It is reported, and [`super::ambiguous`] uses it to select patches. Cost: a pass over the cells.
 //!
 //! Also here: the certainty of a superface's label ([`confidence`]), in R² steps from the co-association, and the share
 //! of pairs of points on which people are expected to differ from a segmentation ([`disagreement`]).
 
-use super::cell_graph::class_sums;
+use super::cell_labels::class_sums;
 use super::ensemble::Superfaces;
 use super::hierarchy::PartTree;
 use super::matrix::Square;

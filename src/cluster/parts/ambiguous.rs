@@ -8,8 +8,8 @@
 //! finger, a horn.
 //!
 //! On the benchmark this removes 4 % of the parts, changes 1 − Rand by less than its noise and improves Hamming
-//! distance and consistency (docs/quality.md). In the hierarchy these parts reappear above ½, so a finer cut still has
-//! them.
+//! distance and consistency (docs/dev/segmentation-experiments.md). In the hierarchy these parts reappear above ½, so a
+//! finer cut still has them.
 //!
 //! Cost: R² for each patch, of which there are at most a dozen.
 

@@ -1,7 +1,6 @@
 //! The graph of cells, which is all that the decisions use of a surface: some two thousand cells and six thousand
 //! pairs, whatever the size of the mesh.
 
-pub use super::cell_labels::{class_sums, joined_pieces};
 use crate::base::{Error, Result};
 use std::f64::consts::PI;
 
