@@ -6,37 +6,51 @@ use nystrom_stream::{Mesh, Segmenter};
 const AROUND: usize = 16;
 const LENGTH: usize = 400;
 
-/// A closed tube around a helix, of the given radius along it, at `x`.
-fn spring(x: f64, radius: impl Fn(f64) -> f64, mesh: &mut (Vec<[f64; 3]>, Vec<[u32; 3]>)) {
-    let (positions, faces) = mesh;
-    let first = positions.len();
-    let (pitch, turns) = (0.1, 30.);
+type Arrays = (Vec<[f64; 3]>, Vec<[u32; 3]>);
+
+/// A place on a helix, and two directions at right angles to it: outward and up.
+type Place = [[f64; 3]; 3];
+
+/// The place of a helix of radius 1 at this angle.
+fn helix(pitch: f64, angle: f64) -> Place {
     let norm = 1f64.hypot(pitch);
-    for k in 0..LENGTH {
-        let share = k as f64 / (LENGTH - 1) as f64;
-        let (sin, cos) = (turns * share).sin_cos();
-        // Outward, and at right angles to that and to the helix.
-        let (out, up) = ([cos, sin, 0.], [pitch * sin / norm, -pitch * cos / norm, 1. / norm]);
-        let centre = [x + cos, sin, pitch * turns * share];
-        for j in 0..AROUND {
-            let (b, a) = (std::f64::consts::TAU * j as f64 / AROUND as f64).sin_cos();
-            let offset = |axis: usize| radius(share) * (a * out[axis] + b * up[axis]);
-            positions.push([0, 1, 2].map(|axis| centre[axis] + offset(axis)));
-        }
-    }
-    close(first, faces);
+    let (sin, cos) = angle.sin_cos();
+    [[cos, sin, pitch * angle], [cos, sin, 0.], [pitch * sin / norm, -pitch * cos / norm, 1. / norm]]
 }
 
-/// The faces of a tube whose points begin with `first`, ring by ring.
-fn close(first: usize, faces: &mut Vec<[u32; 3]>) {
+/// A closed tube through these places, of the given radius at each.
+fn tube(places: &[(Place, f64)], mesh: &mut Arrays) {
+    let (positions, faces) = mesh;
+    let first = positions.len();
+    for ([centre, out, up], radius) in places {
+        for j in 0..AROUND {
+            let (b, a) = (std::f64::consts::TAU * j as f64 / AROUND as f64).sin_cos();
+            positions.push([0, 1, 2].map(|axis| centre[axis] + radius * (a * out[axis] + b * up[axis])));
+        }
+    }
+    close(first, places.len(), faces);
+}
+
+/// A closed tube around a helix of 30 radians, of the given radius along it, at `x`.
+fn spring(x: f64, radius: impl Fn(f64) -> f64, mesh: &mut Arrays) {
+    let place = |k: usize| {
+        let share = k as f64 / (LENGTH - 1) as f64;
+        let [centre, out, up] = helix(0.1, 30. * share);
+        ([[x + centre[0], centre[1], centre[2]], out, up], radius(share))
+    };
+    tube(&(0..LENGTH).map(place).collect::<Vec<_>>(), mesh);
+}
+
+/// The faces of a tube of `rings` rings whose points begin with `first`.
+fn close(first: usize, rings: usize, faces: &mut Vec<[u32; 3]>) {
     let at = |k: usize, j: usize| (first + k * AROUND + j % AROUND) as u32;
-    for (k, j) in (1..LENGTH).flat_map(|k| (0..AROUND).map(move |j| (k, j))) {
+    for (k, j) in (1..rings).flat_map(|k| (0..AROUND).map(move |j| (k, j))) {
         faces.push([at(k - 1, j), at(k, j), at(k, j + 1)]);
         faces.push([at(k - 1, j), at(k, j + 1), at(k - 1, j + 1)]);
     }
     for j in 1..AROUND - 1 {
         faces.push([at(0, 0), at(0, j), at(0, j + 1)]);
-        faces.push([at(LENGTH - 1, 0), at(LENGTH - 1, j + 1), at(LENGTH - 1, j)]);
+        faces.push([at(rings - 1, 0), at(rings - 1, j + 1), at(rings - 1, j)]);
     }
 }
 
@@ -93,7 +107,7 @@ fn the_head_of_a_match_is_a_part() {
             [r * cos, r * sin, z]
         }));
     }
-    close(0, &mut faces);
+    close(0, LENGTH, &mut faces);
     let head = faces.len() - 1 - AROUND;
     let mesh = Mesh::from_vecs(positions, faces).unwrap();
     for seed in 0..2 {
@@ -115,7 +129,7 @@ fn a_grip_is_not_cut_at_its_ripples_and_beads_are_parts() {
                 mesh.0.push([radius(share) * x, radius(share) * y, 8. * share]);
             }
         }
-        close(0, &mut mesh.1);
+        close(0, LENGTH, &mut mesh.1);
         Mesh::from_vecs(mesh.0, mesh.1).unwrap()
     };
     let ripples = |share: f64| 0.5 + 0.05 * (20. * std::f64::consts::PI * share).sin();
@@ -125,5 +139,39 @@ fn a_grip_is_not_cut_at_its_ripples_and_beads_are_parts() {
         let parts = Segmenter::new().seed(seed).run(&grip).unwrap().parts();
         assert!((2..=3).contains(&parts), "{parts} parts, seed {seed}");
         assert_eq!(Segmenter::new().seed(seed).run(&beads).unwrap().parts(), 8, "seed {seed}");
+    }
+}
+
+/// Regression: the thin tail of a coiled body was in one part with the last turn, in whose line it lies.
+#[test]
+fn the_thin_tail_of_a_coil_is_a_part() {
+    let (turn, taper, tail, step) = (40., 1., 2., 0.07);
+    let pitch = 0.1;
+    let length = turn * 1f64.hypot(pitch);
+    let smooth = |t: f64| t * t * (3. - 2. * t);
+    let rings = ((length + tail) / step) as usize;
+    let place = |k: usize| {
+        let s = k as f64 * step;
+        let radius = 0.2 - 0.17 * smooth(((s - length + taper) / taper).clamp(0., 1.));
+        let [mut centre, out, up] = helix(pitch, s.min(length) / 1f64.hypot(pitch));
+        // Straight on from where the helix ends: along the cross product of up and out.
+        let ahead = [1, 2, 0].map(|i| up[i] * out[(i + 1) % 3] - up[(i + 1) % 3] * out[i]);
+        (0..3).for_each(|axis| centre[axis] += ahead[axis] * (s - length).max(0.));
+        ([centre, out, up], radius)
+    };
+    let mut mesh = (Vec::new(), Vec::new());
+    tube(&(0..rings).map(place).collect::<Vec<_>>(), &mut mesh);
+    let mesh = Mesh::from_vecs(mesh.0, mesh.1).unwrap();
+    let ring = |face: usize| face / (2 * AROUND);
+    let first = (length / step) as usize;
+    for seed in 0..2 {
+        let found = Segmenter::new().seed(seed).run(&mesh).unwrap();
+        let labels = &found.labels()[..2 * AROUND * (rings - 1)];
+        let of_tail = *labels.last().unwrap();
+        let begins = labels.iter().position(|&label| label == of_tail).map_or(0, ring);
+        let tapers = first - (taper / step) as usize..=first;
+        assert!(tapers.contains(&begins), "the tail begins at ring {begins}, not in {tapers:?}, seed {seed}");
+        let beyond = labels[2 * AROUND * (first + 1)..].iter();
+        assert!(beyond.into_iter().all(|&label| label == of_tail), "the tail is cut, seed {seed}");
     }
 }

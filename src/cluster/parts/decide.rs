@@ -1,7 +1,8 @@
 //! The decision: which cells belong together, and with what certainty.
 //!
 //! The default recipe: layers of what the surface encloses, an ensemble for each, the co-association, symmetrised where
-//! there is a left and a right side, and over similar limbs, and the hierarchy of the greatest expected Rand index.
+//! there is a left and a right side, and over similar limbs, with slender limbs cut off, and the hierarchy of the
+//! greatest expected Rand index.
 //!
 //! It works on some two thousand cells whatever the mesh: tenths of a second, and less than 40 MB outside the budget.
 //! Meshes of thousands of pieces and very noisy ones take more (docs/limits.md).
@@ -10,16 +11,17 @@ use super::ambiguous::without_ambiguous;
 use super::answer::PartDecision;
 use super::arbitrary_cuts::without_arbitrary;
 use super::cell_graph::CellGraph;
-use super::cell_labels::{class_sums, majorities};
+use super::cell_labels::{class_sums, intersect, majorities};
 use super::ensemble::Superfaces;
 use super::interior::enclosed::Layers;
 use super::interior::layered::{self, CoAssociation};
 use super::matrix::Square;
 use super::recesses::without_recesses;
 use super::repeated_places::Repetition;
+use super::slender_limbs::{cut_off, uncut_limbs};
 use super::symmetry::both_sides::Sides;
 use super::symmetry::cell_map::Surface;
-use super::symmetry::limbs::limb_maps;
+use super::symmetry::limbs::{LimbRegion, Limbs};
 use super::symmetry::mirror_images::{CellImages, LEAST_LIKENESS, cell_points, divided, mirror_images, symmetrised};
 use super::symmetry::reflection::reflection;
 use super::symmetry::rotations::rotations;
@@ -100,12 +102,13 @@ pub fn decide(
 }
 
 /// The decision on the superfaces in `found`, symmetrised over rotations, over both sides, if there are two, and over
-/// similar limbs.
+/// similar limbs, with slender limbs cut off.
 fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, run: &Run) -> Result<PartDecision> {
     let CoAssociation { superfaces, log_thickness, c, encloses } = found;
     let shares = cells.area_shares();
     let surface = Surface::new(cells, &shares, &log_thickness);
-    let limbs = surface.as_ref().map_or_else(Vec::new, limb_maps);
+    let limbs = surface.as_ref().map(Limbs::of);
+    let (regions, limbs) = limbs.map(|limbs| (limbs.regions(&shares), limbs.maps(&shares))).unwrap_or_default();
     let points = cell_points(cells);
     let nearest = NearestPoint::new(PointSet::new(&points, &shares, cells.total_area()));
     let turns = rotations(&nearest);
@@ -120,11 +123,15 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     let nearest = &nearest;
     let (shares, limbs, turns, sides) = (&shares, &limbs, &turns, &sides);
     let deciding = Deciding { cells, shares, nearest, limbs, turns, sides, encloses, small_part, run };
+    let (mut superfaces, mut c) = (superfaces, c);
+    let (mut alike, mut label) = deciding.labels(&superfaces, c.clone())?;
+    if let Some(finer) = deciding.with_limbs_cut_off(&superfaces, &c, &label, &regions)? {
+        (superfaces, c) = finer;
+        (alike, label) = deciding.labels(&superfaces, c.clone())?;
+    }
     if turns.is_empty() && posed.is_none() {
-        let (alike, label) = deciding.labels(&superfaces, c)?;
         return deciding.decision(superfaces, alike, &label);
     }
-    let (alike, label) = deciding.labels(&superfaces, c.clone())?;
     let Some(images) = &posed else { return deciding.turned(superfaces, &c, alike, &label) };
     // Superfaces need not end at the image of a cut on the other side; the parts show where they must.
     let decided = deciding.decision(superfaces, alike, &label)?;
@@ -166,6 +173,24 @@ impl Deciding<'_> {
         let maps = limbs.chain([self.turns]).chain(self.sides.iter().map(|side| std::slice::from_ref(*side)));
         let some = maps.filter(|maps| !maps.is_empty());
         some.fold(c, |c, maps| symmetrised(&c, &superfaces.of_cell, self.shares, maps))
+    }
+
+    /// The superfaces divided at slender `limbs` that no part of `label` (R) ends at, and their co-association, `c`
+    /// before; `None` without such limbs.
+    fn with_limbs_cut_off(
+        &self,
+        superfaces: &Superfaces,
+        c: &Square,
+        label: &[u32],
+        limbs: &[LimbRegion],
+    ) -> Result<Option<(Superfaces, Square)>> {
+        let of_cell = &superfaces.of_cell;
+        let parts: Vec<u32> = of_cell.iter().map(|&x| label[x as usize]).collect();
+        let Some(limb) = uncut_limbs(self.cells, limbs, self.shares, &parts) else { return Ok(None) };
+        let (of_piece, count) = intersect(of_cell, &limb);
+        let (finer, mut c) = self.finer(of_cell, of_piece, count, c)?;
+        cut_off(&mut c, &finer.labels(&limb));
+        Ok(Some((finer, c)))
     }
 
     fn two_sides(&self, superfaces: &Superfaces) -> Option<Sides> {

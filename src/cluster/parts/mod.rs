@@ -12,6 +12,7 @@
 //! - Its mean over the ensemble, by log odds, is the co-association: a probability for any two [`Superfaces`].
 //! - If the surface is its own mirror image, or a posed body is symmetric along its surface, both sides are decided
 //!   alike ([`symmetry`]); so is what rotations map onto itself.
+//! - `slender_limbs` that no part ends at are cut off.
 //! - [`labelling`] finds the labels of the greatest expected Rand index, without `ambiguous` patches,
 //!   `arbitrary_cuts`, cuts at `repeated_places` and floors of `recesses`, and a whole [`hierarchy`] around them.
 //! - [`hints`] changes a labelling according to people's edits; `split` divides a part further along the hierarchy.
@@ -51,6 +52,7 @@ pub mod region_pieces;
 pub mod regions;
 mod repeated_places;
 pub mod shortcuts;
+mod slender_limbs;
 mod split;
 pub mod symmetry;
 pub mod thickness;

@@ -1,4 +1,4 @@
-//! Similar limbs, which are then cut alike: eight arms of an octopus, two legs in different poses.
+//! Limbs, and similar ones, which are then cut alike: eight arms of an octopus, two legs in different poses.
 //!
 //! A mirror plane or a reflection pairs the whole surface, but often there is neither. A single limb needs less: it is
 //! characterised by its area within each distance from its tip, whatever the pose. A limb ends where that area over the
@@ -92,14 +92,49 @@ impl Limb {
     }
 }
 
-/// For each group of similar limbs, the maps that take every limb to another one, such that each is taken to each of
-/// the others: one map fewer than limbs. Cells on no limb are their own image, with weight 0.
-pub fn limb_maps(surface: &Surface<'_>) -> Vec<Vec<CellImages>> {
-    let tips = tips(surface, TIPS);
-    let rows = surface.paths.rows(&tips);
-    let limbs: Vec<Limb> = rows.into_iter().map(|row| Limb::new(row, surface.shares)).collect();
-    let groups = group_similar(&limbs).into_iter().filter(|group| group.len() > 1);
-    groups.filter_map(|group| maps(&group, &limbs, &tips, surface.shares)).collect()
+/// The limbs of a surface, one for each tip.
+pub struct Limbs {
+    tips: Vec<u32>,
+    limbs: Vec<Limb>,
+}
+
+/// Where a limb is, and how slender.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LimbRegion {
+    /// Its cells, from the tip on.
+    pub cells: Vec<u32>,
+    /// Its share of the total area.
+    pub area: f64,
+    /// Its area over its squared length: 2πr/length for a tube of radius r, π/4 for the corner of a plate.
+    pub flatness: f64,
+}
+
+impl Limbs {
+    /// Those of `surface`.
+    pub fn of(surface: &Surface<'_>) -> Self {
+        let tips = tips(surface, TIPS);
+        let rows = surface.paths.rows(&tips);
+        let limbs = rows.into_iter().map(|row| Limb::new(row, surface.shares)).collect();
+        Self { tips, limbs }
+    }
+
+    /// Their regions on a surface with cells of the areas `shares` (S).
+    pub fn regions(&self, shares: &[f64]) -> Vec<LimbRegion> {
+        let region = |limb: &Limb| {
+            let end = limb.steps as f32 * STEP;
+            let cells: Vec<u32> = limb.cells(end, shares).into_iter().map(|(i, _)| i).collect();
+            let area = cells.iter().map(|&i| shares[i as usize]).sum::<f64>();
+            LimbRegion { cells, area, flatness: area / f64::from(end).powi(2) }
+        };
+        self.limbs.iter().map(region).collect()
+    }
+
+    /// For each group of similar limbs, the maps that take every limb to another one, such that each is taken to each
+    /// of the others: one map fewer than limbs. Cells on no limb are their own image, with weight 0.
+    pub fn maps(&self, shares: &[f64]) -> Vec<Vec<CellImages>> {
+        let groups = group_similar(&self.limbs).into_iter().filter(|group| group.len() > 1);
+        groups.filter_map(|group| maps(&group, &self.limbs, &self.tips, shares)).collect()
+    }
 }
 
 /// Groups of limbs in which any two are similar; the most similar are joined first.
@@ -168,7 +203,7 @@ mod tests {
     #[test]
     fn limbs_are_mapped_onto_limbs() {
         on_surface(|cells, surface| {
-            let groups = limb_maps(surface);
+            let groups = Limbs::of(surface).maps(surface.shares);
             let share = |from: fn([f64; 3]) -> bool, to: fn([f64; 3]) -> bool| {
                 let (from, to) = (cells_of(cells, from), cells_of(cells, to));
                 let there = |map: &CellImages| {

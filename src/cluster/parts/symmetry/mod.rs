@@ -8,7 +8,7 @@
 //!   parts.
 //! - [`rotations`] finds the rotations of gears and wheels, [`turned_parts`] cuts all teeth or none.
 //! - [`stretches`] of a surface are fitted to other places by a [`rigid_motion`], to find what is repeated.
-//! - [`limbs`] finds similar limbs, on both sides or around a body, whether or not it has two sides.
+//! - [`limbs`] finds limbs, and which are similar, on both sides or around a body, whether or not it has two sides.
 //!
 //! The files state their costs; all together at most .2 s of processor time for 2,000 cells.
 
