@@ -38,7 +38,7 @@ const PROXY_LABELS: &str = "proxy_labels.npy";
 /// The stage that writes them.
 pub(super) const STAGE: &str = "labels";
 /// Version of the algorithm that decides on parts, given the cells.
-pub(super) const DECISION_VERSION: u32 = 37;
+pub(super) const DECISION_VERSION: u32 = 38;
 /// Version of the algorithms behind labels: the sum of that of boundaries and colours, the first number, and those of
 /// all earlier stages. Labels of an older program are rejected when read.
 pub const LABELS_VERSION: u32 = 9

@@ -11,6 +11,9 @@
 //! distance and consistency (docs/dev/segmentation-experiments.md). In the hierarchy these parts reappear above ½, so a
 //! finer cut still has them.
 //!
+//! On a surface with two sides a patch and its twin are joined together or not at all. Otherwise one shoulder of a man
+//! was a part, the other was not.
+//!
 //! Cost: R² for each patch, of which there are at most a dozen.
 
 use super::agreement::{confidence, of_boundaries};
@@ -18,6 +21,7 @@ use super::cell_graph::CellGraph;
 use super::cell_labels::{class_sums, compact};
 use super::ensemble::Superfaces;
 use super::matrix::Square;
+use super::symmetry::both_sides::Sides;
 
 /// Share of people below which a patch of any area is joined. At .2 pairs of parts of pliers go that people do have.
 const AGREEMENT: f64 = 0.15;
@@ -33,12 +37,13 @@ const TINY: f64 = 0.0075;
 /// Minimum mean of C between a patch and the neighbour that it joins.
 const MEAN: f64 = 0.3;
 
-/// Joins every ambiguous patch of `label` to a neighbour. Returns labels (R) of the superfaces of `cells`, numbered by
-/// first appearance; C is R × R.
+/// Joins every ambiguous patch of `label` to a neighbour, and with a patch its twin, if the surface has two `sides`.
+/// Returns labels (R) of the superfaces of `cells`, numbered by first appearance; C is R × R.
 pub(super) fn without_ambiguous(
     cells: &CellGraph,
     superfaces: &Superfaces,
     co_association: &Square,
+    sides: Option<&Sides>,
     label: &[u32],
 ) -> Vec<u32> {
     let total: f64 = superfaces.area.iter().sum();
@@ -47,80 +52,123 @@ pub(super) fn without_ambiguous(
     let (mut label, mut parts) = compact(label);
     // Joining a patch may make the other part one that stays, so patches are joined one at a time, the least likely
     // first.
-    while let Some(join) = worst(superfaces, co_association, &shares, &boundaries, &label, parts) {
-        label.iter_mut().filter(|k| **k == join.patch as u32).for_each(|k| *k = join.into as u32);
+    loop {
+        let twin = sides.map_or_else(|| (0..parts).collect(), |sides| sides.twins(&label, parts));
+        let patches = Patches::of(superfaces, co_association, &shares, &boundaries, &label, parts);
+        let Some((patch, into)) = patches.worst(&twin) else { return label };
+        let mut join = |patch: usize, into: usize| {
+            label.iter_mut().filter(|k| **k == patch as u32).for_each(|k| *k = into as u32);
+        };
+        let other = twin[patch];
+        let beside = if [patch, into].contains(&other) { None } else { patches.joins_as(other, twin[into]) };
+        join(patch, into);
+        if let Some(beside) = beside {
+            join(other, if beside == patch { into } else { beside });
+        }
         (label, parts) = compact(&label);
     }
-    label
 }
 
-/// A patch and the part that it is joined to.
-struct Join {
-    patch: usize,
-    into: usize,
+/// The parts of a labelling as patches that may be joined.
+struct Patches {
+    /// Share of the area.
+    area: Vec<f64>,
+    /// Length of the boundary between two.
+    boundary: Square,
+    /// Mean of C between two.
+    mean: Square,
+    /// The share of people who are expected to have each.
+    agreement: Vec<f64>,
 }
 
-/// The patch that the fewest people would have, if there is one; `boundaries` are the lengths of boundaries between two
-/// superfaces.
-fn worst(
-    superfaces: &Superfaces,
-    co_association: &Square,
-    shares: &[f64],
-    boundaries: &[(u32, u32, f64)],
-    label: &[u32],
-    parts: usize,
-) -> Option<Join> {
-    let area = class_sums(label, shares, parts);
-    let mut boundary = Square::zeros(parts);
-    for &(a, b, length) in boundaries {
-        let (a, b) = (label[a as usize] as usize, label[b as usize] as usize);
-        if a != b {
-            boundary.add_both(a, b, length);
+impl Patches {
+    /// The `parts` of `label` (R); superfaces have these `shares` of the area (R) and the lengths of boundaries
+    /// between two of them.
+    fn of(
+        superfaces: &Superfaces,
+        co_association: &Square,
+        shares: &[f64],
+        boundaries: &[(u32, u32, f64)],
+        label: &[u32],
+        parts: usize,
+    ) -> Patches {
+        let area = class_sums(label, shares, parts);
+        let mut boundary = Square::zeros(parts);
+        for &(a, b, length) in boundaries {
+            let (a, b) = (label[a as usize] as usize, label[b as usize] as usize);
+            if a != b {
+                boundary.add_both(a, b, length);
+            }
         }
+        let sure = confidence(superfaces, co_association, label, parts);
+        let lengths: Vec<f64> = (0..parts).map(|k| boundary.row(k).iter().sum()).collect();
+        let agreement = of_boundaries(label, &sure, shares, &lengths);
+        let mut mean = Square::zeros(parts);
+        for (x, &part) in label.iter().enumerate() {
+            let row = mean.row_mut(part as usize);
+            for ((c, share), &k) in co_association.row(x).iter().zip(shares).zip(label) {
+                row[k as usize] += shares[x] * share * c;
+            }
+        }
+        for i in 0..parts {
+            let of = |k: usize| (area[i] * area[k]).max(1e-300);
+            mean.row_mut(i).iter_mut().enumerate().for_each(|(k, sum)| *sum /= of(k));
+        }
+        Patches { area, boundary, mean, agreement }
     }
-    let sure = confidence(superfaces, co_association, label, parts);
-    let lengths: Vec<f64> = (0..parts).map(|k| boundary.row(k).iter().sum()).collect();
-    let agreement = of_boundaries(label, &sure, shares, &lengths);
-    let mut least: Option<(f64, Join)> = None;
-    for patch in (0..parts).filter(|&k| area[k] > 0.) {
-        let agreement = agreement[patch];
-        let bound = match area[patch] {
-            area if area < TINY => AGREEMENT_TINY,
-            area if area < SMALL => AGREEMENT_SMALL,
-            _ => AGREEMENT,
-        };
-        if agreement >= bound || least.as_ref().is_some_and(|(before, _)| agreement >= *before) {
-            continue;
-        }
-        let mean = means_to(co_association, shares, label, &area, patch);
-        let beside = (0..parts).filter(|&k| boundary[(patch, k)] > 0.);
-        if let Some(into) = beside.max_by(|&a, &b| mean[a].total_cmp(&mean[b]).then(b.cmp(&a)))
-            && mean[into] > MEAN
-        {
-            least = Some((agreement, Join { patch, into }));
-        }
-    }
-    least.map(|(_, join)| join)
-}
 
-/// Area-weighted mean of C between part `one` and every part.
-fn means_to(co_association: &Square, shares: &[f64], label: &[u32], area: &[f64], one: usize) -> Vec<f64> {
-    let mut sums = vec![0.; area.len()];
-    for (i, _) in label.iter().enumerate().filter(|&(_, &k)| k as usize == one) {
-        for ((c, share), &k) in co_association.row(i).iter().zip(shares).zip(label) {
-            sums[k as usize] += c * share * shares[i];
+    /// The patch that the fewest people would have, twins considered together, and the neighbour that it joins.
+    fn worst(&self, twin: &[usize]) -> Option<(usize, usize)> {
+        let mut least: Option<(f64, (usize, usize))> = None;
+        for patch in (0..self.area.len()).filter(|&k| self.area[k] > 0.) {
+            let of_both = |values: &[f64]| 0.5 * (values[patch] + values[twin[patch]]);
+            let agreement = of_both(&self.agreement);
+            let bound = match of_both(&self.area) {
+                area if area < TINY => AGREEMENT_TINY,
+                area if area < SMALL => AGREEMENT_SMALL,
+                _ => AGREEMENT,
+            };
+            if agreement >= bound || least.as_ref().is_some_and(|(before, _)| agreement >= *before) {
+                continue;
+            }
+            if let Some(into) = self.joins(patch) {
+                least = Some((agreement, (patch, into)));
+            }
         }
+        least.map(|(_, join)| join)
     }
-    sums.iter().zip(area).map(|(sum, other)| sum / (area[one] * other).max(1e-300)).collect()
+
+    /// Whether `patch` may belong to its neighbour `into`.
+    fn may_join(&self, patch: usize, into: usize) -> bool {
+        self.boundary[(patch, into)] > 0. && self.mean[(patch, into)] > MEAN
+    }
+
+    /// The neighbour that `patch` most probably belongs to.
+    fn joins(&self, patch: usize) -> Option<usize> {
+        let beside = (0..self.area.len()).filter(|&k| self.may_join(patch, k));
+        let mean = self.mean.row(patch);
+        beside.max_by(|&a, &b| mean[a].total_cmp(&mean[b]).then(b.cmp(&a)))
+    }
+
+    /// The same, but `first`, if it may belong to that one.
+    fn joins_as(&self, patch: usize, first: usize) -> Option<usize> {
+        if self.may_join(patch, first) { Some(first) } else { self.joins(patch) }
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::symmetry::mirror_images::CellImages;
     use super::*;
 
     /// A row of parts of one superface and one cell each, with boundaries of .5 between neighbours: their shares, and C
     /// between neighbours; C is .3 between others.
     fn joined(shares: &[f64], between: &[f64]) -> Vec<u32> {
+        joined_alike(shares, between, false)
+    }
+
+    /// The same of a row that is its own mirror image, if `alike`.
+    fn joined_alike(shares: &[f64], between: &[f64], alike: bool) -> Vec<u32> {
         let n = shares.len();
         let numbers = || 0..n as u32;
         let cells = CellGraph {
@@ -136,7 +184,20 @@ mod tests {
             _ => 0.3,
         };
         let c = Square::from_values(n, (0..n * n).map(value).collect());
-        without_ambiguous(&cells, &superfaces, &c, &numbers().collect::<Vec<_>>())
+        let map = CellImages { image: numbers().rev().collect(), weight: vec![1.; n] };
+        let sides = alike.then(|| Sides::new(&superfaces, shares, &map));
+        without_ambiguous(&cells, &superfaces, &c, sides.as_ref(), &numbers().collect::<Vec<_>>())
+    }
+
+    /// Regression: one shoulder of a man was a part, the other was not.
+    #[test]
+    fn a_patch_and_its_twin_are_joined_together_or_not_at_all() {
+        let both = |c: f64| {
+            let (shares, between) = ([0.3, 0.01, 0.38, 0.01, 0.3], [0.45, 0.48, c, c - 0.03]);
+            (joined(&shares, &between), joined_alike(&shares, &between, true))
+        };
+        assert_eq!(both(0.36), (vec![0, 1, 1, 2, 3], vec![0, 1, 1, 1, 2]));
+        assert_eq!(both(0.3), (vec![0, 1, 1, 2, 3], vec![0, 1, 2, 3, 4]));
     }
 
     #[test]

@@ -202,10 +202,11 @@ impl Deciding<'_> {
     fn labels(&self, superfaces: &Superfaces, c: Square) -> Result<(Square, Vec<u32>)> {
         let alike = self.averaged(superfaces, c);
         let mut best = labelling::best_labelling(&superfaces.area, &alike);
-        if let Some(two) = self.two_sides(superfaces) {
+        let two = self.two_sides(superfaces);
+        if let Some(two) = &two {
             best = two.cut_alike(&best, &alike);
         }
-        let label = without_ambiguous(self.cells, superfaces, &alike, &best);
+        let label = without_ambiguous(self.cells, superfaces, &alike, two.as_ref(), &best);
         let label = without_arbitrary(self.cells, superfaces, &alike, &label);
         let (cells, nearest, run) = (self.cells, self.nearest, self.run);
         let repetition = Repetition { cells, nearest, superfaces, co_association: &alike, run };
