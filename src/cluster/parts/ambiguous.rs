@@ -56,11 +56,11 @@ pub(super) fn without_ambiguous(
         let twin = sides.map_or_else(|| (0..parts).collect(), |sides| sides.twins(&label, parts));
         let patches = Patches::of(superfaces, co_association, &shares, &boundaries, &label, parts);
         let Some((patch, into)) = patches.worst(&twin) else { return label };
+        let other = twin[patch];
+        let beside = if [patch, into].contains(&other) { None } else { patches.joins(other, Some(twin[into])) };
         let mut join = |patch: usize, into: usize| {
             label.iter_mut().filter(|k| **k == patch as u32).for_each(|k| *k = into as u32);
         };
-        let other = twin[patch];
-        let beside = if [patch, into].contains(&other) { None } else { patches.joins_as(other, twin[into]) };
         join(patch, into);
         if let Some(beside) = beside {
             join(other, if beside == patch { into } else { beside });
@@ -70,28 +70,31 @@ pub(super) fn without_ambiguous(
 }
 
 /// The parts of a labelling as patches that may be joined.
-struct Patches {
+struct Patches<'a> {
+    co_association: &'a Square,
+    /// Share of the area of each superface (R).
+    shares: &'a [f64],
+    /// The part of each superface (R).
+    label: &'a [u32],
     /// Share of the area.
     area: Vec<f64>,
     /// Length of the boundary between two.
     boundary: Square,
-    /// Mean of C between two.
-    mean: Square,
     /// The share of people who are expected to have each.
     agreement: Vec<f64>,
 }
 
-impl Patches {
+impl<'a> Patches<'a> {
     /// The `parts` of `label` (R); superfaces have these `shares` of the area (R) and the lengths of boundaries
     /// between two of them.
     fn of(
         superfaces: &Superfaces,
-        co_association: &Square,
-        shares: &[f64],
+        co_association: &'a Square,
+        shares: &'a [f64],
         boundaries: &[(u32, u32, f64)],
-        label: &[u32],
+        label: &'a [u32],
         parts: usize,
-    ) -> Patches {
+    ) -> Patches<'a> {
         let area = class_sums(label, shares, parts);
         let mut boundary = Square::zeros(parts);
         for &(a, b, length) in boundaries {
@@ -103,18 +106,7 @@ impl Patches {
         let sure = confidence(superfaces, co_association, label, parts);
         let lengths: Vec<f64> = (0..parts).map(|k| boundary.row(k).iter().sum()).collect();
         let agreement = of_boundaries(label, &sure, shares, &lengths);
-        let mut mean = Square::zeros(parts);
-        for (x, &part) in label.iter().enumerate() {
-            let row = mean.row_mut(part as usize);
-            for ((c, share), &k) in co_association.row(x).iter().zip(shares).zip(label) {
-                row[k as usize] += shares[x] * share * c;
-            }
-        }
-        for i in 0..parts {
-            let of = |k: usize| (area[i] * area[k]).max(1e-300);
-            mean.row_mut(i).iter_mut().enumerate().for_each(|(k, sum)| *sum /= of(k));
-        }
-        Patches { area, boundary, mean, agreement }
+        Patches { co_association, shares, label, area, boundary, agreement }
     }
 
     /// The patch that the fewest people would have, twins considered together, and the neighbour that it joins.
@@ -131,28 +123,30 @@ impl Patches {
             if agreement >= bound || least.as_ref().is_some_and(|(before, _)| agreement >= *before) {
                 continue;
             }
-            if let Some(into) = self.joins(patch) {
+            if let Some(into) = self.joins(patch, None) {
                 least = Some((agreement, (patch, into)));
             }
         }
         least.map(|(_, join)| join)
     }
 
-    /// Whether `patch` may belong to its neighbour `into`.
-    fn may_join(&self, patch: usize, into: usize) -> bool {
-        self.boundary[(patch, into)] > 0. && self.mean[(patch, into)] > MEAN
+    /// The neighbour that `patch` most probably belongs to, or `first`, if it may belong to that one.
+    fn joins(&self, patch: usize, first: Option<usize>) -> Option<usize> {
+        let mean = self.means_to(patch);
+        let may_join = |&k: &usize| self.boundary[(patch, k)] > 0. && mean[k] > MEAN;
+        let most = || (0..mean.len()).filter(may_join).max_by(|&a, &b| mean[a].total_cmp(&mean[b]).then(b.cmp(&a)));
+        first.filter(may_join).or_else(most)
     }
 
-    /// The neighbour that `patch` most probably belongs to.
-    fn joins(&self, patch: usize) -> Option<usize> {
-        let beside = (0..self.area.len()).filter(|&k| self.may_join(patch, k));
-        let mean = self.mean.row(patch);
-        beside.max_by(|&a, &b| mean[a].total_cmp(&mean[b]).then(b.cmp(&a)))
-    }
-
-    /// The same, but `first`, if it may belong to that one.
-    fn joins_as(&self, patch: usize, first: usize) -> Option<usize> {
-        if self.may_join(patch, first) { Some(first) } else { self.joins(patch) }
+    /// Area-weighted mean of C between part `one` and every part.
+    fn means_to(&self, one: usize) -> Vec<f64> {
+        let mut sums = vec![0.; self.area.len()];
+        for (i, _) in self.label.iter().enumerate().filter(|&(_, &k)| k as usize == one) {
+            for ((c, share), &k) in self.co_association.row(i).iter().zip(self.shares).zip(self.label) {
+                sums[k as usize] += c * share * self.shares[i];
+            }
+        }
+        sums.iter().zip(&self.area).map(|(sum, other)| sum / (self.area[one] * other).max(1e-300)).collect()
     }
 }
 
