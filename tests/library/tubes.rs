@@ -171,7 +171,7 @@ fn the_thin_tail_of_a_coil_is_a_part() {
         let begins = labels.iter().position(|&label| label == of_tail).map_or(0, ring);
         let tapers = first - (taper / step) as usize..=first;
         assert!(tapers.contains(&begins), "the tail begins at ring {begins}, not in {tapers:?}, seed {seed}");
-        let beyond = labels[2 * AROUND * (first + 1)..].iter();
-        assert!(beyond.into_iter().all(|&label| label == of_tail), "the tail is cut, seed {seed}");
+        let mut beyond = labels[2 * AROUND * (first + 1)..].iter();
+        assert!(beyond.all(|&label| label == of_tail), "the tail is cut, seed {seed}");
     }
 }

@@ -18,7 +18,7 @@ use super::interior::layered::{self, CoAssociation};
 use super::matrix::Square;
 use super::recesses::without_recesses;
 use super::repeated_places::Repetition;
-use super::slender_limbs::{cut_off, uncut_limbs};
+use super::slender_limbs::{cut_off, slender_limbs, uncut_limbs};
 use super::symmetry::both_sides::Sides;
 use super::symmetry::cell_map::Surface;
 use super::symmetry::limbs::{LimbRegion, Limbs};
@@ -108,7 +108,8 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     let shares = cells.area_shares();
     let surface = Surface::new(cells, &shares, &log_thickness);
     let limbs = surface.as_ref().map(Limbs::of);
-    let (regions, limbs) = limbs.map(|limbs| (limbs.regions(&shares), limbs.maps(&shares))).unwrap_or_default();
+    let (slender, limbs) =
+        limbs.map(|limbs| (slender_limbs(limbs.regions(&shares)), limbs.maps(&shares))).unwrap_or_default();
     let points = cell_points(cells);
     let nearest = NearestPoint::new(PointSet::new(&points, &shares, cells.total_area()));
     let turns = rotations(&nearest);
@@ -123,9 +124,14 @@ fn decide_symmetric(cells: &CellGraph, found: CoAssociation, small_part: f64, ru
     let nearest = &nearest;
     let (shares, limbs, turns, sides) = (&shares, &limbs, &turns, &sides);
     let deciding = Deciding { cells, shares, nearest, limbs, turns, sides, encloses, small_part, run };
+    if slender.is_empty() && turns.is_empty() && posed.is_none() {
+        let (alike, label) = deciding.labels(&superfaces, c)?;
+        return deciding.decision(superfaces, alike, &label);
+    }
+    // From here on C is needed as it was before it was averaged.
     let (mut superfaces, mut c) = (superfaces, c);
     let (mut alike, mut label) = deciding.labels(&superfaces, c.clone())?;
-    if let Some(finer) = deciding.with_limbs_cut_off(&superfaces, &c, &label, &regions)? {
+    if let Some(finer) = deciding.with_limbs_cut_off(&superfaces, &c, &label, &slender)? {
         (superfaces, c) = finer;
         (alike, label) = deciding.labels(&superfaces, c.clone())?;
     }
@@ -185,7 +191,7 @@ impl Deciding<'_> {
         limbs: &[LimbRegion],
     ) -> Result<Option<(Superfaces, Square)>> {
         let of_cell = &superfaces.of_cell;
-        let parts: Vec<u32> = of_cell.iter().map(|&x| label[x as usize]).collect();
+        let parts = superfaces.cell_labels(label);
         let Some(limb) = uncut_limbs(self.cells, limbs, self.shares, &parts) else { return Ok(None) };
         let (of_piece, count) = intersect(of_cell, &limb);
         let (finer, mut c) = self.finer(of_cell, of_piece, count, c)?;
@@ -226,7 +232,7 @@ impl Deciding<'_> {
     /// averaged.
     fn turned(&self, superfaces: Superfaces, c: &Square, alike: Square, label: &[u32]) -> Result<PartDecision> {
         let of_cell = &superfaces.of_cell;
-        let before: Vec<u32> = of_cell.iter().map(|&x| label[x as usize]).collect();
+        let before = superfaces.cell_labels(label);
         let turned = Turns { cells: self.cells, shares: self.shares, maps: self.turns }.alike(&before);
         let (of_piece, count) = divided(of_cell, &turned, self.shares);
         let label = majorities(&of_piece, count, &turned, self.shares);

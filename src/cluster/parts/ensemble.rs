@@ -244,6 +244,11 @@ impl Superfaces {
         self.first.iter().map(|&i| cells[i as usize]).collect()
     }
 
+    /// Converts a labelling of superfaces (R) to one of cells (S).
+    pub fn cell_labels(&self, label: &[u32]) -> Vec<u32> {
+        self.of_cell.iter().map(|&x| label[x as usize]).collect()
+    }
+
     /// The boundaries between superfaces as a list of (superface, superface, length), one entry for each pair of
     /// adjacent cells.
     pub fn shared_boundaries(&self, cells: &CellGraph) -> Vec<(u32, u32, f64)> {

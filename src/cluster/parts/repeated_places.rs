@@ -128,7 +128,7 @@ impl Repetition<'_> {
         let steps = self.steps();
         // Each round leaves fewer parts; more places are not cut then.
         loop {
-            let of_cell: Vec<u32> = self.superfaces.of_cell.iter().map(|&x| label[x as usize]).collect();
+            let of_cell = self.superfaces.cell_labels(&label);
             let mut joined = Forest::new(parts);
             self.joins(&of_cell, &steps)?.into_iter().for_each(|[a, b]| _ = joined.join(a, b));
             label.iter_mut().for_each(|part| *part = joined.find(*part));

@@ -28,14 +28,23 @@ const OF_PART: f64 = 0.6;
 /// The probability that people have a slender limb and the rest of its part in one part.
 const TOGETHER: f64 = 0.08;
 
-/// The limb that each of `cells` lies on, numbered from 1, or 0, if some of `limbs` are slender and within one of the
+/// Those of `limbs` that are slender, the most slender first.
+pub(super) fn slender_limbs(mut limbs: Vec<LimbRegion>) -> Vec<LimbRegion> {
+    limbs.retain(|limb| limb.flatness < SLENDER && limb.area >= LEAST);
+    sort_by(&mut limbs, |a, b| a.flatness.total_cmp(&b.flatness).then_with(|| a.cells.cmp(&b.cells)));
+    limbs
+}
+
+/// The limb that each of `cells` lies on, numbered from 1, or 0, if some of the `slender` limbs are within one of the
 /// parts `label` (S). Cells have the areas `shares` (S).
-pub(super) fn uncut_limbs(cells: &CellGraph, limbs: &[LimbRegion], shares: &[f64], label: &[u32]) -> Option<Vec<u32>> {
+pub(super) fn uncut_limbs(
+    cells: &CellGraph,
+    slender: &[LimbRegion],
+    shares: &[f64],
+    label: &[u32],
+) -> Option<Vec<u32>> {
     let parts = label.iter().max().map_or(0, |&most| most as usize + 1);
     let whole = class_sums(label, shares, parts);
-    let mut slender: Vec<&LimbRegion> =
-        limbs.iter().filter(|limb| limb.flatness < SLENDER && limb.area >= LEAST).collect();
-    sort_by(&mut slender, |a, b| a.flatness.total_cmp(&b.flatness).then_with(|| a.cells.cmp(&b.cells)));
     let (mut found, mut count) = (vec![0; label.len()], 0);
     for limb in slender {
         let mut within = vec![0.0; parts];
@@ -92,6 +101,11 @@ mod tests {
         LimbRegion { cells: cells.collect(), area, flatness }
     }
 
+    /// The limb of each cell, of those of `limbs` that are slender.
+    fn uncut_of(cells: &CellGraph, limbs: &[LimbRegion], shares: &[f64], label: &[u32]) -> Option<Vec<u32>> {
+        uncut_limbs(cells, &slender_limbs(limbs.to_vec()), shares, label)
+    }
+
     /// A row of `n` cells of the same area, closed to a ring or not.
     fn row(n: u32, closed: bool) -> (CellGraph, Vec<f64>) {
         let ends = closed.then_some([n - 1, 0]);
@@ -103,7 +117,7 @@ mod tests {
     #[test]
     fn a_slender_limb_within_a_part_is_cut_off() {
         let (n, (cells, shares)) = (100, row(100, false));
-        let uncut = |limbs: &[LimbRegion], label: &[u32]| uncut_limbs(&cells, limbs, &shares, label);
+        let uncut = |limbs: &[LimbRegion], label: &[u32]| uncut_of(&cells, limbs, &shares, label);
         let whole = vec![0; n];
         let expected: Vec<u32> = (0..100).map(|i| u32::from(i < 10)).collect();
         assert_eq!(uncut(&[limb(0..10, n, 0.2)], &whole), Some(expected));
@@ -116,14 +130,14 @@ mod tests {
         // Nor one that a cut divides.
         let halved: Vec<u32> = (0..100).map(|i| u32::from(i < 5)).collect();
         assert_eq!(uncut(&[limb(0..10, n, 0.2)], &halved), None);
-        assert_eq!(uncut_limbs(&CellGraph::default(), &[], &[], &[]), None);
+        assert_eq!(uncut_of(&CellGraph::default(), &[], &[], &[]), None);
     }
 
     /// Regression: a quarter of the rim of a wheel was cut off.
     #[test]
     fn an_arc_of_a_ring_is_no_limb() {
         let (cells, shares) = row(100, true);
-        assert_eq!(uncut_limbs(&cells, &[limb(0..10, 100, 0.2)], &shares, &[0; 100]), None);
+        assert_eq!(uncut_of(&cells, &[limb(0..10, 100, 0.2)], &shares, &[0; 100]), None);
     }
 
     #[test]
@@ -131,11 +145,11 @@ mod tests {
         let (n, (cells, shares)) = (100, row(100, false));
         let limbs = [limb(0..12, n, 0.25), limb(0..10, n, 0.2), limb(0..30, n, 0.3)];
         let expected: Vec<u32> = (0..100).map(|i| u32::from(i < 10)).collect();
-        assert_eq!(uncut_limbs(&cells, &limbs, &shares, &[0; 100]), Some(expected));
+        assert_eq!(uncut_of(&cells, &limbs, &shares, &[0; 100]), Some(expected));
         // Another one at the other end, which reaches into a cell of a longer one.
         let limbs = [limb(90..100, n, 0.2), limb(0..91, n, 0.3), limb(79..100, n, 0.32)];
         let expected: Vec<u32> = (0..100).map(|i| u32::from(i >= 90)).collect();
-        assert_eq!(uncut_limbs(&cells, &limbs, &shares, &[0; 100]), Some(expected));
+        assert_eq!(uncut_of(&cells, &limbs, &shares, &[0; 100]), Some(expected));
     }
 
     #[test]
